@@ -1,0 +1,14 @@
+//! Tiles, pictures, files.
+
+mod region;
+
+pub use region::Region;
+
+/// A rendered part of a picture: linear radiance, rows from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tile {
+    /// Which pixels these are.
+    pub region: Region,
+    /// `region.width() * region.height()` pixels, linear and unclamped.
+    pub pixels: Vec<[f32; 3]>,
+}

@@ -1,0 +1,17 @@
+//! The shared heart of the farm: text to scene, scene to pixels.
+//!
+//! Data walks one way through the rooms: [`xml`] (text, checked and positioned)
+//! → [`scene`] (resolved and immutable) → `geometry` and `bvh` (what rays meet)
+//! → [`trace`] (radiance along a ray) → [`sampling`] (which rays) → [`film`]
+//! (tiles, pictures, files). `xml` and `trace` do not know each other.
+//!
+//! This crate does no networking, reads no clock, spawns no async task and
+//! prints nothing.
+
+pub mod film;
+pub mod precise;
+pub mod sampling;
+pub mod scene;
+pub mod settings;
+pub mod trace;
+pub mod xml;

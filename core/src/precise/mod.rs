@@ -1,0 +1,2 @@
+//! Numbers wide enough that a decision in them is the decision of real arithmetic.
+pub mod predicates;

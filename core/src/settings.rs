@@ -1,0 +1,126 @@
+//! What a picture depends on beside its scene.
+
+/// The image plane: pixels, distance and height. Pixels are square.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    width: u32,
+    height: u32,
+    zoom: f64,
+    plane_height: f64,
+}
+
+/// Why a [`View`] or [`Settings`] cannot be had.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// A picture needs at least one pixel each way and at most [`View::MAX_EDGE`].
+    #[error("a picture is 1 to {max} pixels wide and high, not {0}x{1}", max = View::MAX_EDGE)]
+    Size(u64, u64),
+    /// Zoom is a distance before the camera.
+    #[error("zoom must be a finite number above 0, not {0}")]
+    Zoom(f64),
+    /// The plane has an extent.
+    #[error("the image plane's height must be a finite number above 0, not {0}")]
+    PlaneHeight(f64),
+    /// A path has at least its camera ray.
+    #[error("max-depth must be at least 1")]
+    MaxDepth,
+    /// Samples form a square grid of at most [`Sampling::MAX_GRID`] a side.
+    #[error("samples must be a square number from 1 to {max}, not {0}", max = Sampling::MAX_GRID * Sampling::MAX_GRID)]
+    Samples(u64),
+}
+
+impl View {
+    /// The longest edge of a picture, in pixels.
+    pub const MAX_EDGE: u32 = 1 << 16;
+
+    /// An image plane of `width` × `height` pixels at distance `zoom`, `plane_height` high.
+    ///
+    /// # Errors
+    /// When a size is out of range, or a length is not a finite number above 0.
+    pub fn new(width: u32, height: u32, zoom: f64, plane_height: f64) -> Result<Self, SettingsError> {
+        let edge = 1..=Self::MAX_EDGE;
+        if !edge.contains(&width) || !edge.contains(&height) {
+            return Err(SettingsError::Size(width.into(), height.into()));
+        }
+        if !(zoom > 0.0 && zoom.is_finite()) {
+            return Err(SettingsError::Zoom(zoom));
+        }
+        if !(plane_height > 0.0 && plane_height.is_finite()) {
+            return Err(SettingsError::PlaneHeight(plane_height));
+        }
+        Ok(Self { width, height, zoom, plane_height })
+    }
+
+    /// Pixels across.
+    #[must_use]
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Pixels down.
+    #[must_use]
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Distance of the image plane from the camera.
+    #[must_use]
+    pub fn zoom(&self) -> f64 {
+        self.zoom
+    }
+
+    /// Height of the image plane.
+    #[must_use]
+    pub fn plane_height(&self) -> f64 {
+        self.plane_height
+    }
+}
+
+/// How colour numbers are meant, in scenes, pictures and integer outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Transfer {
+    /// sRGB-encoded: decoded before arithmetic, encoded after it.
+    #[default]
+    Srgb,
+    /// Linear throughout.
+    Linear,
+}
+
+/// Which points of a pixel's square are sampled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sampling {
+    /// The centres of an n × n grid in every pixel.
+    Uniform {
+        /// Grid cells along a pixel's edge, 1 to [`Sampling::MAX_GRID`].
+        grid: u32,
+    },
+}
+
+impl Sampling {
+    /// The finest uniform grid, in cells along a pixel's edge.
+    pub const MAX_GRID: u32 = 64;
+
+    /// Uniform sampling by `samples` = n² points a pixel.
+    ///
+    /// # Errors
+    /// When `samples` is not a square number in range.
+    pub fn uniform(samples: u64) -> Result<Self, SettingsError> {
+        (1..=Self::MAX_GRID)
+            .find(|&n| u64::from(n) * u64::from(n) == samples)
+            .map(|grid| Self::Uniform { grid })
+            .ok_or(SettingsError::Samples(samples))
+    }
+}
+
+/// Everything a pixel depends on beside the scene and its own coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// The image plane.
+    pub view: View,
+    /// Rays in a path at most, camera ray included; at least 1.
+    pub max_depth: u32,
+    /// The points sampled.
+    pub sampling: Sampling,
+    /// The meaning of colour numbers.
+    pub transfer: Transfer,
+}
