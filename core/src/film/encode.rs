@@ -17,29 +17,29 @@ use rayon::prelude::*;
 use super::transfer::{from_linear, to_linear};
 use crate::settings::Transfer;
 
-/// 8-bit codes of `pixels`, three a pixel. Large pictures are shared out over the calling rayon pool.
+/// 8-bit codes of `pixels`. Large pictures are shared out over the calling rayon pool.
 #[must_use]
-pub fn to_bytes(transfer: Transfer, pixels: &[[f32; 3]]) -> Vec<u8> {
-    let values = pixels.as_flattened().par_iter().with_min_len(1 << 16);
+pub fn to_bytes(transfer: Transfer, pixels: &[[f32; 3]]) -> Vec<[u8; 3]> {
+    let pixels = pixels.par_iter().with_min_len(1 << 14);
     match transfer {
         // Exact: 24 + 8 bits, and the half, fit a double.
-        Transfer::Linear => values.map(|&x| (f64::from(x) * 255.0 + 0.5) as u8).collect(),
+        Transfer::Linear => pixels.map(|p| p.map(|x| (f64::from(x) * 255.0 + 0.5) as u8)).collect(),
         Transfer::Srgb => {
             let table = Thresholds::get();
-            values.map(|&x| table.code(x)).collect()
+            pixels.map(|p| p.map(|x| table.code(x))).collect()
         }
     }
 }
 
-/// 16-bit codes of `pixels`, three a pixel. Large pictures are shared out over the calling rayon pool.
+/// 16-bit codes of `pixels`. Large pictures are shared out over the calling rayon pool.
 #[must_use]
-pub fn to_words(transfer: Transfer, pixels: &[[f32; 3]]) -> Vec<u16> {
-    let values = pixels.as_flattened().par_iter().with_min_len(1 << 16);
+pub fn to_words(transfer: Transfer, pixels: &[[f32; 3]]) -> Vec<[u16; 3]> {
+    let pixels = pixels.par_iter().with_min_len(1 << 14);
     match transfer {
-        Transfer::Linear => values.map(|&x| (f64::from(x) * 65535.0 + 0.5) as u16).collect(),
+        Transfer::Linear => pixels.map(|p| p.map(|x| (f64::from(x) * 65535.0 + 0.5) as u16)).collect(),
         Transfer::Srgb => {
             let table = Quadratics::get();
-            values.map(|&x| table.code(x)).collect()
+            pixels.map(|p| p.map(|x| table.code(x))).collect()
         }
     }
 }
@@ -232,17 +232,17 @@ mod tests {
         let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-45, 1e30, -1.0, 1.0, 0.0];
         let pixels: Vec<[f32; 3]> = odd.iter().map(|&x| [x; 3]).collect();
         for transfer in [Transfer::Srgb, Transfer::Linear] {
-            let bytes: Vec<u8> = to_bytes(transfer, &pixels).into_iter().step_by(3).collect();
+            let bytes: Vec<u8> = to_bytes(transfer, &pixels).iter().map(|p| p[1]).collect();
             assert_eq!(bytes, [0, 255, 0, 0, 0, 255, 0, 255, 0]);
-            let words: Vec<u16> = to_words(transfer, &pixels).into_iter().step_by(3).collect();
+            let words: Vec<u16> = to_words(transfer, &pixels).iter().map(|p| p[1]).collect();
             assert_eq!(words, [0, 65535, 0, 0, 0, 65535, 0, 65535, 0]);
         }
     }
 
     #[test]
     fn linear_codes_round_to_nearest() {
-        assert_eq!(to_bytes(Transfer::Linear, &[[0.5, 0.1, 0.5_f32.next_down()]]), [128, 26, 127]);
-        assert_eq!(to_words(Transfer::Linear, &[[0.5, 0.1, 1.0_f32.next_down()]]), [32768, 6554, 65535]);
+        assert_eq!(to_bytes(Transfer::Linear, &[[0.5, 0.1, 0.5_f32.next_down()]]), [[128, 26, 127]]);
+        assert_eq!(to_words(Transfer::Linear, &[[0.5, 0.1, 1.0_f32.next_down()]]), [[32768, 6554, 65535]]);
     }
 
     #[test]
@@ -253,9 +253,9 @@ mod tests {
             for code in 0..=max {
                 let pixel = &pixels[code as usize..][..1];
                 let back = if max == 255 {
-                    to_bytes(Transfer::Srgb, pixel)[0].into()
+                    to_bytes(Transfer::Srgb, pixel)[0][0].into()
                 } else {
-                    to_words(Transfer::Srgb, pixel)[0]
+                    to_words(Transfer::Srgb, pixel)[0][0]
                 };
                 assert_eq!(back, code);
             }
