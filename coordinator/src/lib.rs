@@ -1,1 +1,8 @@
-//! Stub.
+//! Hands the tiles of a picture to workers and stitches what they return.
+
+mod farm;
+mod job;
+
+pub use farm::{Farm, render};
+pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
+pub use tessera_proto::{PixelFormat, Pixels};

@@ -1,6 +1,8 @@
 //! Tiles, pictures, files.
 
+pub mod encode;
 mod region;
+pub mod transfer;
 
 pub use region::Region;
 
