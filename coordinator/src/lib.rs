@@ -1,1 +1,3 @@
-//! Stub.
+//! Reads a scene, hands tiles to workers, stitches the picture.
+
+pub mod povray;
