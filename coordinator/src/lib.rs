@@ -1,3 +1,4 @@
+<<<<<<< HEAD
 //! Hands the tiles of a picture to workers and stitches what they return.
 
 mod farm;
@@ -6,3 +7,8 @@ mod job;
 pub use farm::{Farm, render};
 pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
 pub use tessera_proto::{PixelFormat, Pixels};
+=======
+//! Reads a scene, hands tiles to workers, stitches the picture.
+
+pub mod povray;
+>>>>>>> oracle
