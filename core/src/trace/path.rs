@@ -83,7 +83,7 @@ impl Tracer {
             signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = &self.materials[self.prepared.surface_of(decision.id).0 as usize];
             let mut place = self.place(&ray, decision, from);
-            let mut wide = self.too_wide(&place).then(|| exact.hit(trail, decision));
+            let mut wide = self.too_wide(&place, throughput).then(|| exact.hit(trail, decision));
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
@@ -106,7 +106,7 @@ impl Tracer {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
                     let light = V3::splat(light);
-                    let incidence = shade::incidence(&place, light);
+                    let incidence = shade::incidence(&place, light, throughput);
                     let cosine = match &wide {
                         Some(hit) => hit.cosine(scene.lights()[k]),
                         None => incidence.cosine,
@@ -166,8 +166,8 @@ impl Tracer {
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
-    fn too_wide(&self, place: &Place) -> bool {
-        !(place.en <= shade::VALUE)
-            || self.prepared.local.lights.iter().any(|&l| !(shade::incidence(place, V3::splat(l)).excess <= 0.0))
+    fn too_wide(&self, place: &Place, throughput: f64) -> bool {
+        let excess = |&l: &DVec3| shade::incidence(place, V3::splat(l), throughput).excess;
+        !(place.en <= shade::NORMAL) || self.prepared.local.lights.iter().any(|l| !(excess(l) <= 0.0))
     }
 }
