@@ -284,6 +284,7 @@ impl<'t> Reader<'t> {
         let (Some(first), Some(last)) = (self.run.first(), self.run.last()) else { return };
         let whole = first.start..last.end;
         if self.text.as_bytes()[whole.clone()].iter().all(|b| lex::is_space(*b)) {
+            self.part.blank = true;
             self.run.clear();
             return;
         }
