@@ -8,10 +8,13 @@
 //! This crate does no networking, reads no clock, spawns no async task and
 //! prints nothing.
 
+mod bvh;
 pub mod film;
+mod geometry;
 pub mod precise;
 pub mod sampling;
 pub mod scene;
 pub mod settings;
+pub mod simd;
 pub mod trace;
 pub mod xml;

@@ -107,7 +107,8 @@ fn break_something(r: &mut Random, text: &mut String, form: bool) {
             }
         }
     } else if let Some(i) = text[at..].find("x='") {
-        let bad = r.pick(&["1e999", "-", "1e-999", "0", "NaN", "1,5", "&#49;", "9' w='1"]);
+        let attribute = format!("9' w{}='1", r.below(1 << 30));
+        let bad = r.pick(&["1e999", "-", "1e-999", "0", "NaN", "1,5", "&#49;", &attribute]);
         text.insert_str(at + i + 3, bad);
     } else if let Some(i) = text[at..].find("</") {
         text.insert_str(

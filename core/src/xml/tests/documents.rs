@@ -164,7 +164,6 @@ fn broken_markup_hides_nothing_behind_it() {
         ("<sphere radius='&x;'><location><vector x='0' y='0' z='0'/></location></sphere>", 17, "&x;"),
         ("<sphere radius='1'><location>&</location></sphere>", 30, "&"),
         ("<1/>", 2, "1"),
-        ("<sphere radius='1'", 2, "sphere"),
     ] {
         let text = scene(&format!("{broken}\n{good}\n{wrong}"));
         let told = super::told(&text);
@@ -172,9 +171,13 @@ fn broken_markup_hides_nothing_behind_it() {
         let last = (Code::Radius, 5, 17, "0".to_owned());
         assert_eq!(told, [first, last], "{broken}");
     }
+    tells(
+        &scene(&format!("<sphere radius='1'\n{good}\n{wrong}")),
+        &[(Code::Syntax, 4, 1, "<"), (Code::Radius, 5, 17, "0")],
+    );
     // The same before and behind the world.
     let text = format!("<scene>{}\n<world>{LIGHT}\n{wrong}</world></scene>", CAMERA.replacen("<sky>", "<sky", 1));
-    tells(&text, &[(Code::Syntax, 1, 68, "<"), (Code::Radius, 3, 17, "0")]);
+    tells(&text, &[(Code::Syntax, 1, 69, "<"), (Code::Radius, 3, 17, "0")]);
     let text = format!("<scene>{CAMERA}\n<world>{LIGHT}\n{wrong}</world></scene><scene/>");
     tells(&text, &[(Code::Radius, 3, 17, "0"), (Code::Syntax, 3, 93, "<")]);
     let text = format!("<scene>{CAMERA}\n<world>{LIGHT}\n{wrong}");
@@ -229,7 +232,7 @@ fn pictures() {
         [pictured("none.ppm"), pictured("cut.ppm"), pictured("."), pictured(""), pictured("none.ppm")].concat();
     let error = read(&objects).map(|_| ()).unwrap_err();
     let told: Vec<_> = error.diagnostics.iter().map(|d| (d.code, d.position())).collect();
-    assert_eq!(told, [3, 4, 5, 6].map(|line| (Code::Picture, Some((line, 103)))), "{error}");
+    assert_eq!(told, [3, 4, 5, 6].map(|line| (Code::Picture, Some((line, 104)))), "{error}");
     assert!(error.diagnostics[1].message.contains("cut.ppm") && error.diagnostics[1].message.contains("truncated"));
     // Without a folder there is nothing to look them up from.
     assert_eq!(only(super::read(&super::scene(&pictured("a b.ppm")))).code, Code::Picture);

@@ -1,0 +1,41 @@
+//! Ray against infinite plane.
+//!
+//! **Bound.** The unit normal is within 2u of the real one, the offset h within u·|h|. Then
+//! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
+
+use super::real::{Real, V3};
+use super::{Ray, Span, TINY, U};
+
+/// n · P = h in local space.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LocalPlane<R = f64> {
+    pub(crate) n: V3<R>,
+    pub(crate) h: R,
+}
+
+/// Distance to the plane and its error bound, infinite or NaN where the ray may be parallel to it.
+#[inline(always)]
+pub(crate) fn distance<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> (R, R) {
+    let k = |x: f64| R::splat(x);
+    let num = plane.h - plane.n.dot(ray.o);
+    let den = plane.n.dot(ray.d);
+    let dnum = ray.eo + k(8.0 * U) * (ray.o.norm1() + plane.h.abs()) + k(TINY);
+    let dden = (ray.ed + k(8.0 * U)) * ray.len + k(TINY);
+    let t = num / den;
+    // |num/den − num*/den*| ≤ (Δnum + |t|·Δden) / (|den| − Δden)
+    let rest = (den.abs() - dden).max(k(0.0));
+    (t, (dnum + t.abs() * dden) / rest + k(8.0 * U) * t.abs())
+}
+
+/// Where the ray meets the plane.
+pub(crate) fn test(ray: &Ray, plane: &LocalPlane) -> Option<Span> {
+    let (t, e) = distance(ray, plane);
+    if e < f64::INFINITY {
+        return Span::around(t, e, false);
+    }
+    // Perhaps parallel: not nearer than the least numerator over the greatest denominator allows.
+    let dnum = ray.eo + 8.0 * U * (ray.o.norm1() + plane.h.abs()) + TINY;
+    let num = (plane.h - plane.n.dot(ray.o)).abs() - dnum;
+    let den = plane.n.dot(ray.d).abs() + (ray.ed + 8.0 * U) * ray.len + TINY;
+    Span::unsure(num / den * (1.0 - 8.0 * U), f64::INFINITY, false)
+}

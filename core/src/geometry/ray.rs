@@ -1,0 +1,72 @@
+//! Rays that know how wrong they may be.
+
+use super::real::{Real, V3};
+use super::{TINY, U};
+
+/// A ray o + t·d in local space, and its distance from the ray of real arithmetic.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ray<R = f64> {
+    /// Start.
+    pub(crate) o: V3<R>,
+    /// Direction, of any length.
+    pub(crate) d: V3<R>,
+    /// Bound on |o − o*|.
+    pub(crate) eo: R,
+    /// Bound on |d − d*| / |d|.
+    pub(crate) ed: R,
+    /// d · d.
+    pub(crate) dd: R,
+    /// 1 / |d|, not less than the real value.
+    pub(crate) inv_len: R,
+    /// |d|, not less than the real value.
+    pub(crate) len: R,
+}
+
+impl<R: Real> Ray<R> {
+    #[inline(always)]
+    pub(crate) fn new(o: V3<R>, d: V3<R>, eo: R, ed: R) -> Self {
+        let dd = d.dot(d);
+        let len = dd.sqrt() * R::splat(1.0 + 8.0 * U);
+        let inv_len = R::splat(1.0 + 16.0 * U) / len;
+        Self { o, d, eo: eo + R::splat(TINY), ed, dd, inv_len, len }
+    }
+}
+
+/// Where along a ray an object is met, if it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Span {
+    /// The real distance is at least this; 0 where it may be at the start itself.
+    pub(crate) lo: f64,
+    /// The real distance is at most this.
+    pub(crate) hi: f64,
+    /// Whether the object is surely met, at a t > 0.
+    pub(crate) sure: bool,
+    /// Whether the inner side of a sphere is struck; meaningless for other objects.
+    pub(crate) inside: bool,
+}
+
+impl Span {
+    /// t ± e of a sure member of the object: sure if surely in front of the start, `None` if surely not.
+    pub(crate) fn around(t: f64, e: f64, inside: bool) -> Option<Self> {
+        let (lo, hi) = (t - e, t + e);
+        if hi < 0.0 {
+            return None;
+        }
+        // Written so that a NaN is unsure, over all distances.
+        if lo > 0.0 && hi.is_finite() {
+            Some(Self { lo, hi, sure: true, inside })
+        } else {
+            Self::unsure(lo, hi, inside)
+        }
+    }
+
+    /// An object that may or may not be met between `lo` and `hi`.
+    pub(crate) fn unsure(lo: f64, hi: f64, inside: bool) -> Option<Self> {
+        if hi < 0.0 {
+            return None;
+        }
+        let lo = if lo > 0.0 { lo } else { 0.0 };
+        let hi = if hi >= 0.0 { hi } else { f64::INFINITY };
+        Some(Self { lo, hi, sure: false, inside })
+    }
+}
