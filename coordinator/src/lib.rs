@@ -2,6 +2,8 @@
 
 mod farm;
 mod job;
+#[allow(dead_code)]
+mod scheduler;
 
 pub use farm::{Farm, render};
 pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
