@@ -2,6 +2,7 @@
 
 mod farm;
 mod job;
+pub mod povray;
 #[allow(dead_code)]
 mod scheduler;
 
