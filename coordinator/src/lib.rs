@@ -2,6 +2,7 @@
 
 mod farm;
 mod job;
+pub mod povray;
 
 pub use farm::{Farm, render};
 pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};

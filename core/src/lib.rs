@@ -8,7 +8,9 @@
 //! This crate does no networking, reads no clock, spawns no async task and
 //! prints nothing.
 
+mod bvh;
 pub mod film;
+mod geometry;
 pub mod precise;
 pub mod sampling;
 pub mod scene;

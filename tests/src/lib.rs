@@ -1,1 +1,14 @@
-//! Stub.
+//! What the tests are made of: scenes, oracles and comparisons.
+//!
+//! The oracles share no code with the tracer: [`reference`] is the image model in
+//! plain f64, written to be read; [`oracle`] is the same model in 512-bit arithmetic
+//! whose every decision is proven or counted as a tie; [`exact`] answers questions
+//! about a single ray and object in exact arithmetic.
+
+pub mod compare;
+pub mod exact;
+pub mod generate;
+pub mod oracle;
+pub mod peers;
+pub mod pigment;
+pub mod reference;

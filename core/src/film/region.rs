@@ -39,4 +39,18 @@ impl Region {
     pub fn contains(&self, other: &Self) -> bool {
         self.x0 <= other.x0 && self.y0 <= other.y0 && other.x1 <= self.x1 && other.y1 <= self.y1
     }
+
+    /// This rectangle cut into blocks of at most `edge` × `edge` pixels, row by row.
+    #[must_use]
+    pub fn blocks(&self, edge: u32) -> Vec<Self> {
+        let edge = edge.max(1) as usize;
+        let mut blocks = Vec::new();
+        for y0 in (self.y0..self.y1).step_by(edge) {
+            for x0 in (self.x0..self.x1).step_by(edge) {
+                let end = |start: u32, limit: u32| start.saturating_add(edge as u32).min(limit);
+                blocks.push(Self { x0, y0, x1: end(x0, self.x1), y1: end(y0, self.y1) });
+            }
+        }
+        blocks
+    }
 }

@@ -1,10 +1,26 @@
 //! Radiance along rays.
 
+pub(crate) mod arbiter;
+mod camera;
+mod path;
+mod prepared;
+mod query;
+mod texture;
+
 use std::sync::Arc;
 
+use glam::DVec3;
+use rayon::prelude::*;
+
+pub use camera::PlanePoint;
+pub use prepared::{PreparedScene, RayHit};
+
 use crate::film::{Region, Tile};
-use crate::scene::Scene;
-use crate::settings::Settings;
+use crate::scene::Pigment;
+use crate::settings::{Sampling, Settings, Transfer};
+use camera::Frame;
+use path::PathScratch;
+use texture::{Mapping, Texels};
 
 /// Rays traced, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,7 +31,7 @@ pub struct RayCounts {
     pub mirror: u64,
     /// Towards lights.
     pub shadow: u64,
-    /// Decisions that plain f64 left open and wider numbers settled.
+    /// Decisions and values that plain f64 left open and wider numbers settled.
     pub refined: u64,
 }
 
@@ -36,31 +52,47 @@ pub enum PrepareError {
     MaxDepth,
 }
 
-/// A scene made ready for rays: independent of settings, shared by every render of it.
+/// What one point of the image plane shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Linear, unclamped radiance.
+    pub radiance: DVec3,
+    /// A hash of everything discrete along the path: objects met, sides struck, lights seen.
+    /// Between two points of equal signature, radiance varies smoothly or a feature lies hidden.
+    pub signature: u64,
+}
+
+/// A surface under a transfer: linear colour times diffuse, and what it mirrors.
+#[derive(Clone, Copy, Debug)]
+struct Material {
+    /// Diffuse share times the linear colour; for a pictured surface the share alone.
+    albedo: DVec3,
+    reflect: f64,
+    pigment: Pigment,
+}
+
+/// Traces pixels of one picture: a prepared scene under fixed settings.
 #[derive(Debug)]
-pub struct PreparedScene {
-    scene: Arc<Scene>,
-}
-
-impl PreparedScene {
-    /// Builds what rays meet. Uses the calling rayon pool; the result is the same for any pool.
-    #[must_use]
-    pub fn build(scene: Arc<Scene>) -> Self {
-        Self { scene }
-    }
-
-    /// The scene this was built from.
-    #[must_use]
-    pub fn scene(&self) -> &Arc<Scene> {
-        &self.scene
-    }
-}
-
-/// Traces pixels of one picture: a prepared scene under fixed settings. Cheap to make.
-#[derive(Clone, Debug)]
 pub struct Tracer {
     prepared: Arc<PreparedScene>,
     settings: Settings,
+    grid: u32,
+    frame: Frame,
+    materials: Vec<Material>,
+    background: DVec3,
+    texels: Vec<Texels>,
+    mappings: Vec<Mapping>,
+}
+
+/// Pixels along the edge of the blocks that threads take.
+const BLOCK: u32 = 16;
+
+fn to_linear(transfer: Transfer, x: f64) -> f64 {
+    match transfer {
+        Transfer::Linear => x,
+        Transfer::Srgb if x <= 0.04045 => x / 12.92,
+        Transfer::Srgb => libm::pow((x + 0.055) / 1.055, 2.4),
+    }
 }
 
 impl Tracer {
@@ -72,7 +104,36 @@ impl Tracer {
         if settings.max_depth == 0 {
             return Err(PrepareError::MaxDepth);
         }
-        Ok(Self { prepared, settings })
+        let Sampling::Uniform { grid } = settings.sampling;
+        let scene = Arc::clone(&prepared.scene);
+        let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
+        let materials = scene
+            .surfaces()
+            .par_iter()
+            .map(|s| {
+                let color = match s.pigment {
+                    Pigment::Color(c) => linear(c),
+                    Pigment::Picture(_) => DVec3::ONE,
+                };
+                Material { albedo: color * s.diffuse, reflect: s.reflect, pigment: s.pigment }
+            })
+            .collect();
+        Ok(Self {
+            settings,
+            grid,
+            frame: Frame::new(scene.camera(), &settings.view, grid),
+            materials,
+            background: linear(scene.background()),
+            texels: scene.pictures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
+            mappings: texture::mappings(&scene, &prepared.local),
+            prepared,
+        })
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     /// Renders the pixels of `region`, in parallel on the calling rayon pool.
@@ -81,8 +142,55 @@ impl Tracer {
     /// When `region` reaches outside the picture.
     #[must_use]
     pub fn render(&self, region: Region) -> (Tile, RayCounts) {
-        let b = self.prepared.scene.background().map(|c| c as f32);
-        let _ = self.settings;
-        (Tile { region, pixels: vec![b; region.area() as usize] }, RayCounts::default())
+        let view = &self.settings.view;
+        assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
+        let blocks = region.blocks(BLOCK);
+        let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
+            .into_par_iter()
+            .map_init(PathScratch::default, |scratch, block| {
+                let mut counts = RayCounts::default();
+                let pixels = self.block(block, scratch, &mut counts);
+                (block, pixels, counts)
+            })
+            .collect();
+        let mut pixels = vec![[0.0; 3]; region.area() as usize];
+        let mut counts = RayCounts::default();
+        for (block, part, c) in done {
+            counts += c;
+            let width = block.width() as usize;
+            for (row, line) in part.chunks_exact(width).enumerate() {
+                let y = (block.y0 - region.y0) as usize + row;
+                let start = y * region.width() as usize + (block.x0 - region.x0) as usize;
+                pixels[start..start + width].copy_from_slice(line);
+            }
+        }
+        (Tile { region, pixels }, counts)
+    }
+
+    /// What each of `points` shows, in their order; units are 1/(2·grid) pixel of the settings' sampling.
+    /// Sequential: callers spread work over threads.
+    #[must_use]
+    pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
+        let (mut scratch, mut counts) = (PathScratch::default(), RayCounts::default());
+        let samples = points.iter().map(|&p| self.sample(p, &mut scratch, &mut counts)).collect();
+        (samples, counts)
+    }
+
+    fn block(&self, block: Region, scratch: &mut PathScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
+        let mut pixels = Vec::with_capacity(block.area() as usize);
+        let n = self.grid;
+        let share = 1.0 / f64::from(n * n);
+        for j in block.y0..block.y1 {
+            for i in block.x0..block.x1 {
+                let mut sum = DVec3::ZERO;
+                for b in 0..n {
+                    for a in 0..n {
+                        sum += self.sample(self.frame.point((i, j), (a, b)), scratch, counts).radiance;
+                    }
+                }
+                pixels.push((sum * share).to_array().map(|c| c as f32));
+            }
+        }
+        pixels
     }
 }

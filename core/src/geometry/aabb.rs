@@ -1,0 +1,33 @@
+//! Axis-aligned boxes.
+
+use glam::DVec3;
+
+/// A closed box; empty where a lower bound exceeds its upper one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Aabb {
+    pub(crate) lo: DVec3,
+    pub(crate) hi: DVec3,
+}
+
+impl Aabb {
+    pub(crate) const EMPTY: Self = Self { lo: DVec3::INFINITY, hi: DVec3::NEG_INFINITY };
+
+    pub(crate) fn around(self, p: DVec3) -> Self {
+        Self { lo: self.lo.min(p), hi: self.hi.max(p) }
+    }
+
+    pub(crate) fn union(self, b: Self) -> Self {
+        Self { lo: self.lo.min(b.lo), hi: self.hi.max(b.hi) }
+    }
+
+    /// Wider by `by` on every side.
+    pub(crate) fn padded(self, by: f64) -> Self {
+        Self { lo: self.lo - by, hi: self.hi + by }
+    }
+
+    /// Half the surface area; 0 for an empty box.
+    pub(crate) fn half_area(&self) -> f64 {
+        let e = self.hi - self.lo;
+        if e.x < 0.0 { 0.0 } else { e.x * e.y + e.y * e.z + e.z * e.x }
+    }
+}

@@ -1,0 +1,162 @@
+//! The scene's objects in local space.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::plane::LocalPlane;
+use super::sphere::LocalSphere;
+use super::triangle::LocalTriangle;
+use super::{Aabb, U, norm1};
+use crate::precise::{Big, Vector};
+use crate::scene::{Order, PlanePosition, Scene, SurfaceId, Triangle};
+
+/// An object: planes first, then spheres, then triangles, each in document order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct ObjectId(pub(crate) u32);
+
+/// What an [`ObjectId`] names, with its index among its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Plane(usize),
+    Sphere(usize),
+    Triangle(usize),
+}
+
+/// The scene's objects in local space, and the way there.
+#[derive(Debug)]
+pub(crate) struct Local {
+    /// The camera's location in world space.
+    origin: DVec3,
+    /// Local = (world − origin) · 2^−power.
+    pub(crate) power: i32,
+    pub(crate) planes: Vec<LocalPlane>,
+    pub(crate) spheres: Vec<LocalSphere>,
+    pub(crate) lights: Vec<DVec3>,
+}
+
+/// x · 2^k, rounded once unless it ends among the denormals.
+pub(crate) fn ldexp(x: f64, k: i32) -> f64 {
+    let half = k / 2;
+    let rest = k - half;
+    let p = |e: i32| f64::from_bits(((e.clamp(-1022, 1023) + 1023) as u64) << 52);
+    // Two factors cover ±2044; coordinates and their powers stay within.
+    x * p(half) * p(rest)
+}
+
+fn ldexp3(v: DVec3, k: i32) -> DVec3 {
+    DVec3::new(ldexp(v.x, k), ldexp(v.y, k), ldexp(v.z, k))
+}
+
+/// e with 2^(e−1) ≤ |x| < 2^e, for finite x ≠ 0.
+fn exponent(x: f64) -> i32 {
+    i32::try_from(Big::<1>::new(x).exponent()).unwrap_or(0)
+}
+
+impl Local {
+    pub(crate) fn new(scene: &Scene) -> Self {
+        let origin = scene.camera().location();
+        // A quarter of everything, so that no difference overflows.
+        let far = |v: DVec3| (v * 0.25 - origin * 0.25).abs().max_element();
+        let spheres = scene.spheres().iter().map(|s| far(s.center) + s.radius * 0.25).fold(0.0, f64::max);
+        let triangles = scene
+            .triangles()
+            .par_iter()
+            .map(|t| {
+                let [a, b, c] = t.written;
+                if t.by_sides() {
+                    far(a) + b.abs().max_element().max(c.abs().max_element()) * 0.25
+                } else {
+                    far(a).max(far(b)).max(far(c))
+                }
+            })
+            .reduce(|| 0.0, f64::max);
+        let mut reach = spheres.max(triangles);
+        if reach == 0.0 {
+            reach = scene
+                .planes()
+                .iter()
+                .map(|p| match p.position {
+                    PlanePosition::Point(q) => far(q),
+                    PlanePosition::Distance(d) => (d * 0.25).abs() + origin.abs().max_element() * 0.25,
+                })
+                .fold(0.0, f64::max);
+        }
+        let power = if reach > 0.0 { exponent(reach) + 2 } else { 0 };
+        let mut local = Self { origin, power, planes: Vec::new(), spheres: Vec::new(), lights: Vec::new() };
+        local.planes = scene.planes().iter().map(|p| local.plane(p)).collect();
+        local.spheres = scene
+            .spheres()
+            .iter()
+            .map(|s| LocalSphere { c: local.point(s.center), r: ldexp(s.radius, -power) })
+            .collect();
+        local.lights = scene.lights().iter().map(|&l| local.point(l)).collect();
+        local
+    }
+
+    /// A world point in local space, within u·|result| of the real one.
+    pub(crate) fn point(&self, v: DVec3) -> DVec3 {
+        // Far below the overflow limit the difference is taken as it is, so that denormals stay exact.
+        let big = 1e300;
+        if v.abs().max_element() < big && self.origin.abs().max_element() < big {
+            ldexp3(v - self.origin, -self.power)
+        } else {
+            ldexp3(v * 0.25 - self.origin * 0.25, 2 - self.power)
+        }
+    }
+
+    /// A triangle's corners in local space, each within 2u·(largest corner) of the real ones.
+    pub(crate) fn triangle(&self, t: &Triangle) -> LocalTriangle {
+        let [a, b, c] = t.written;
+        let a = self.point(a);
+        if t.by_sides() {
+            LocalTriangle { v: [a, a + ldexp3(b, -self.power), a + ldexp3(c, -self.power)] }
+        } else {
+            LocalTriangle { v: [a, self.point(b), self.point(c)] }
+        }
+    }
+
+    fn plane(&self, p: &crate::scene::Plane) -> LocalPlane {
+        let n = Vector::<8>::new(p.normal);
+        let length = n.length();
+        let unit = n * length.reciprocal();
+        let offset = match p.position {
+            PlanePosition::Point(q) => unit.dot(&(Vector::new(q) - Vector::new(self.origin))),
+            PlanePosition::Distance(d) => Big::new(d) - unit.dot(&Vector::new(self.origin)),
+        };
+        LocalPlane { n: unit.to_f64(), h: offset.scale(-i64::from(self.power)).to_f64() }
+    }
+
+    /// The box of a sphere, its rounding included.
+    pub(crate) fn sphere_box(s: &LocalSphere) -> Aabb {
+        Aabb { lo: s.c - s.r, hi: s.c + s.r }.padded(4.0 * U * (norm1(s.c) + s.r))
+    }
+
+    /// The box of a triangle, its rounding included.
+    pub(crate) fn triangle_box(t: &LocalTriangle) -> Aabb {
+        let b = Aabb::EMPTY.around(t.v[0]).around(t.v[1]).around(t.v[2]);
+        let v = norm1(t.v[0]).max(norm1(t.v[1])).max(norm1(t.v[2]));
+        b.padded(4.0 * U * v)
+    }
+}
+
+/// What [`ObjectId`] `id` names in `scene`.
+pub(crate) fn kind(scene: &Scene, id: ObjectId) -> Kind {
+    let i = id.0 as usize;
+    let (planes, spheres) = (scene.planes().len(), scene.spheres().len());
+    if i < planes {
+        Kind::Plane(i)
+    } else if i < planes + spheres {
+        Kind::Sphere(i - planes)
+    } else {
+        Kind::Triangle(i - planes - spheres)
+    }
+}
+
+/// An object's surface and place in the document.
+pub(crate) fn surface_and_order(scene: &Scene, id: ObjectId) -> (SurfaceId, Order) {
+    match kind(scene, id) {
+        Kind::Plane(i) => (scene.planes()[i].surface, scene.planes()[i].order),
+        Kind::Sphere(i) => (scene.spheres()[i].surface, scene.spheres()[i].order),
+        Kind::Triangle(i) => (scene.triangles()[i].surface(), scene.triangles()[i].order),
+    }
+}

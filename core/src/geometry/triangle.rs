@@ -1,0 +1,86 @@
+//! Ray against triangle.
+//!
+//! Membership by the edges' Plücker forms e·(d, moment), as U = d · ((p2 − p0) × (p2 + p0))
+//! with corners p relative to the start: the error is that of the corners' places, not that of
+//! their moments. A line through an edge has all three corners' forms from the same three
+//! points, so that where signs are sure, neighbours agree; where they are not, real
+//! arithmetic decides.
+//!
+//! **Bound.** A corner is misplaced, relative to the ray at its distance, by at most
+//! pos = eo + 3u(V + |o|) + (ed + 12u)·M, where V and M bound the corners' distances from the
+//! origin and from the start. A form is |d|·|e|·2·(distance from the edge), so that near the
+//! triangle (lateral distance at most its longest edge S plus pos) it is off by at most
+//! 8·|d|·pos·(S + pos). Farther away any outcome but a sure hit is right, and a sure hit cannot
+//! come out, since the computed triangle is a real triangle within pos.
+//!
+//! The distance is the plane's, T = N·p0 over N·d. A rounded N misplaces the plane by at most
+//! 6u·S³/|N| inside the triangle, the corners by 2·pos, so that t is off by at most
+//! (3·pos·|N| + 12u·S³)/|N·d|.
+
+use glam::DVec3;
+
+use super::{Ray, Span, TINY, U, norm1};
+
+/// Corners in local space, each within 2u·V of the real ones.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LocalTriangle {
+    pub(crate) v: [DVec3; 3],
+}
+
+/// All that a test and a shading point need of one ray and one triangle.
+pub(crate) struct Forms {
+    /// Edge forms opposite c1, c2 and c0: weights of those corners.
+    pub(crate) w: [f64; 3],
+    /// Their common error bound.
+    pub(crate) e: f64,
+    /// N = (c1 − c0) × (c2 − c0).
+    pub(crate) n: DVec3,
+    /// N · d.
+    pub(crate) den: f64,
+    /// Distance to the plane and its error bound.
+    pub(crate) t: f64,
+    pub(crate) et: f64,
+    /// How far a corner may be misplaced.
+    pub(crate) pos: f64,
+    /// How far a corner may be from the scene's, and the longest edge.
+    pub(crate) corner_error: f64,
+    pub(crate) longest: f64,
+    p: [DVec3; 3],
+}
+
+pub(crate) fn forms(ray: &Ray, tri: &LocalTriangle) -> Forms {
+    let [p0, p1, p2] = tri.v.map(|v| v - ray.o);
+    let (e0, e1, e2) = (p2 - p0, p0 - p1, p1 - p2);
+    let w = [e0.cross(p2 + p0).dot(ray.d), e1.cross(p0 + p1).dot(ray.d), e2.cross(p1 + p2).dot(ray.d)];
+    let m = norm1(p0).max(norm1(p1)).max(norm1(p2));
+    let v = norm1(tri.v[0]).max(norm1(tri.v[1])).max(norm1(tri.v[2]));
+    let s = norm1(e0).max(norm1(e1)).max(norm1(e2));
+    let pos = ray.eo + 3.0 * U * (v + norm1(ray.o)) + (ray.ed + 12.0 * U) * m + TINY;
+    let e = 8.0 * ray.len * pos * (s + pos) + TINY;
+    let n = e0.cross(e1);
+    let den = n.dot(ray.d);
+    let t = n.dot(p0) / den;
+    let et = (3.0 * pos * norm1(n) + 12.0 * U * s * s * s + TINY) / den.abs();
+    Forms { w, e, n, den, t, et, pos, corner_error: 3.0 * U * v + TINY, longest: s, p: [p0, p1, p2] }
+}
+
+/// Where the ray meets the triangle.
+pub(crate) fn test(ray: &Ray, tri: &LocalTriangle) -> Option<Span> {
+    let f = forms(ray, tri);
+    let (lo, hi) = (f.w[0].min(f.w[1]).min(f.w[2]), f.w[0].max(f.w[1]).max(f.w[2]));
+    if lo < -f.e && hi > f.e {
+        return None;
+    }
+    if lo > f.e || hi < -f.e {
+        let s = Span::around(f.t, f.et, false)?;
+        if s.sure {
+            return Some(s);
+        }
+    }
+    // Whatever is met lies between the nearest and the farthest corner.
+    let along = f.p.map(|p| p.dot(ray.d) / ray.dd);
+    let e = (f.pos + 8.0 * U * norm1(f.p[0]).max(norm1(f.p[1])).max(norm1(f.p[2]))) * ray.inv_len;
+    let near = along[0].min(along[1]).min(along[2]) - e;
+    let far = along[0].max(along[1]).max(along[2]) + e;
+    Span::unsure(near, far, f.t, false)
+}

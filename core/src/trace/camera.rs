@@ -1,0 +1,78 @@
+//! From points of the image plane to rays.
+
+use glam::DVec3;
+
+use super::arbiter::{Big, ExactRay, Vector};
+use crate::geometry::{Ray, U};
+use crate::scene::Camera;
+use crate::settings::View;
+
+/// A point of the image plane: `x` to the right and `y` up from the picture's middle, in
+/// units of 1/(2·grid) pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PlanePoint {
+    /// To the right.
+    pub x: i32,
+    /// Up.
+    pub y: i32,
+}
+
+/// The camera's frame under a view, for points on a grid of `grid` cells along a pixel's edge.
+///
+/// The direction through (x, y) is zoom·f + x·r·s + y·u·s, s the height of a unit. Only its
+/// direction counts, so it is divided by s and by a power of two: forward + x·right + y·up
+/// with integers x and y. The three vectors are found in wide arithmetic and rounded once.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    grid: u32,
+    width: u32,
+    height: u32,
+    location: Vector,
+    exact: [Vector; 3],
+    pub(crate) forward: DVec3,
+    pub(crate) right: DVec3,
+    pub(crate) up: DVec3,
+}
+
+impl Frame {
+    pub(crate) fn new(camera: &Camera, view: &View, grid: u32) -> Self {
+        let location = Vector::new(camera.location());
+        let f = (Vector::new(camera.look_at()) - location).normalize();
+        let r = Vector::new(camera.sky()).cross(&f).normalize();
+        let u = f.cross(&r);
+        let units = 2.0 * f64::from(grid) * f64::from(view.height());
+        let distance = (Big::new(view.zoom()) * Big::new(units)).div(Big::new(view.plane_height()));
+        // The longest of the three parts of a direction becomes about 1.
+        let widest = Big::new(f64::from(grid) * f64::from(view.width().max(view.height())));
+        let scale = -distance.exponent().max(widest.exponent());
+        let exact = [(f * distance).scale(scale), r.scale(scale), u.scale(scale)];
+        let [forward, right, up] = exact.map(|v| v.to_f64());
+        Self { grid, width: view.width(), height: view.height(), location, exact, forward, right, up }
+    }
+
+    /// The centre of cell (a, b) of pixel (i, j), a to the right, b down.
+    pub(crate) fn point(&self, (i, j): (u32, u32), (a, b): (u32, u32)) -> PlanePoint {
+        let n = i64::from(self.grid);
+        let at = |pixel: u32, cell: u32| 2 * n * i64::from(pixel) + 2 * i64::from(cell) + 1;
+        let x = at(i, a) - n * i64::from(self.width);
+        let y = n * i64::from(self.height) - at(j, b);
+        // At most 2 · 64 · 65536 in magnitude.
+        PlanePoint { x: x as i32, y: y as i32 }
+    }
+
+    /// The ray through `p`, in local space.
+    ///
+    /// Each of the three orthogonal parts is within u of the real one and at most |d|; three
+    /// roundings follow: |d − d*| < 24u·|d|.
+    pub(crate) fn ray(&self, p: PlanePoint) -> Ray {
+        let d = self.forward + self.right * f64::from(p.x) + self.up * f64::from(p.y);
+        Ray::new(DVec3::ZERO, d, 0.0, 24.0 * U)
+    }
+
+    /// The ray through `p`, in world space and wide arithmetic.
+    pub(crate) fn exact_ray(&self, p: PlanePoint) -> ExactRay {
+        let [f, r, u] = self.exact;
+        let d = f + r * Big::new(f64::from(p.x)) + u * Big::new(f64::from(p.y));
+        ExactRay { o: self.location, d, from: None }
+    }
+}

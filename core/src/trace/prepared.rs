@@ -1,0 +1,149 @@
+//! A scene made ready for rays.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::arbiter::{self, ExactRay, Vector};
+use super::query::{Closest, Occluded, Scratch};
+use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
+use crate::geometry::local::{ldexp, surface_and_order};
+use crate::geometry::{Aabb, Local, Ray, U};
+use crate::precise::predicates::{Exact, cross_is_zero};
+use crate::scene::{Scene, Triangle};
+
+/// A scene made ready for rays: independent of settings, shared by every render of it.
+#[derive(Debug)]
+pub struct PreparedScene {
+    pub(crate) scene: Arc<Scene>,
+    pub(crate) local: Local,
+    pub(crate) boxes: Boxes,
+}
+
+/// What a ray meets first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayHit {
+    /// The object's place in the document.
+    pub order: u32,
+    /// Distance in units of the direction's length, the nearest f64 to the real number.
+    pub t: f64,
+}
+
+/// Whether a triangle has exactly no area.
+fn is_degenerate(t: &Triangle) -> bool {
+    let [a, b, c] = t.written;
+    // Plainly not parallel sides need no wide numbers.
+    let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
+    let n = e1.cross(e2).length_squared();
+    let size = e1.length_squared() * e2.length_squared();
+    if n > 1e-20 * size
+        && n.is_finite()
+        && size > 1e-200
+        && e1.length_squared() > 1e-20 * a.length_squared().max(b.length_squared())
+    {
+        return false;
+    }
+    let exact = |v: DVec3| Exact::new(v);
+    let (e1, e2) = if t.by_sides() { (exact(b), exact(c)) } else { (exact(b) - exact(a), exact(c) - exact(a)) };
+    cross_is_zero(&e1, &e2)
+}
+
+/// Share of objects whose boxes may grow noticeably before boxes are kept in f64.
+const BLOATED: f64 = 0.05;
+
+impl PreparedScene {
+    /// Builds what rays meet. Uses the calling rayon pool; the result is the same for any pool.
+    #[must_use]
+    pub fn build(scene: Arc<Scene>) -> Self {
+        let local = Local::new(&scene);
+        let boxes = Self::boxes(&scene, &local);
+        Self { scene, local, boxes }
+    }
+
+    fn boxes(scene: &Scene, local: &Local) -> Boxes {
+        let first = scene.planes().len();
+        let spheres = scene.spheres().len();
+        let id = |i: usize| (first + i) as u32;
+        let sphere = |i: usize| Some((Local::sphere_box(&local.spheres[i]), id(i), 1));
+        let triangle = |i: usize| {
+            let t = &scene.triangles()[i];
+            (!is_degenerate(t)).then(|| (Local::triangle_box(&local.triangle(t)), id(spheres + i), 0))
+        };
+        let all: Vec<(Aabb, u32, u8)> = (0..spheres)
+            .into_par_iter()
+            .filter_map(sphere)
+            .chain((0..scene.triangles().len()).into_par_iter().filter_map(triangle))
+            .collect();
+        let bloated = all.par_iter().filter(|(b, ..)| grows(b)).count();
+        if bloated as f64 > BLOATED * all.len() as f64 {
+            Boxes::Double(hierarchy(&all))
+        } else {
+            Boxes::Single(hierarchy(&all))
+        }
+    }
+
+    /// The scene this was built from.
+    #[must_use]
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The nearest object that the ray from `origin` along `direction` (world space, any
+    /// length but zero) meets at a distance above 0, exactly: real arithmetic on these numbers.
+    /// Equal distances go to the object that comes first in the document.
+    #[must_use]
+    pub fn closest_hit(&self, origin: DVec3, direction: DVec3) -> Option<RayHit> {
+        let exact = ExactRay { o: Vector::new(origin), d: Vector::new(direction), from: None };
+        let scale = exact.d.exponent();
+        let d = exact.d.scale(-scale).to_f64();
+        let o = self.local.point(origin);
+        let ray = Ray::new(o, d, 2.0 * U * o.abs().element_sum(), 4.0 * U);
+        let mut scratch = Scratch::default();
+        let (decision, t) = match self.closest(&ray, None, &mut scratch) {
+            Closest::Nothing => return None,
+            Closest::Sure(decision) => (decision, arbiter::meet(&self.scene, &exact, decision.id)?.0),
+            Closest::Doubt => arbiter::closest(&self.scene, &exact, scratch.candidates())?,
+        };
+        Some(RayHit { order: surface_and_order(&self.scene, decision.id).1, t: t.to_f64() })
+    }
+
+    /// Whether an object meets the open segment between two points of world space, exactly.
+    #[must_use]
+    pub fn is_occluded(&self, from: DVec3, to: DVec3) -> bool {
+        let exact = ExactRay { o: Vector::new(from), d: Vector::new(to) - Vector::new(from), from: None };
+        let (a, b) = (self.local.point(from), self.local.point(to));
+        let d = b - a;
+        let e = 2.0 * U * (a.abs().element_sum() + b.abs().element_sum());
+        let len = d.length();
+        let ray = Ray::new(a, d, 2.0 * e, 4.0 * U + e / len);
+        let mut scratch = Scratch::default();
+        match self.occluded(&ray, None, &mut scratch) {
+            Occluded::No => false,
+            Occluded::Yes => true,
+            Occluded::Doubt => arbiter::occluded(&self.scene, &exact, scratch.candidates()),
+        }
+    }
+
+    /// Local lengths times this are world lengths.
+    pub(crate) fn world(&self, x: f64) -> f64 {
+        ldexp(x, self.local.power)
+    }
+}
+
+/// Whether outward rounding to f32 enlarges `b` by more than half.
+fn grows(b: &Aabb) -> bool {
+    let perimeter = |lo: DVec3, hi: DVec3| (hi - lo).element_sum();
+    let lo = DVec3::from_array(b.lo.to_array().map(|x| f32::down(x).to_f64()));
+    let hi = DVec3::from_array(b.hi.to_array().map(|x| f32::up(x).to_f64()));
+    !(perimeter(lo, hi) <= 1.5 * perimeter(b.lo, b.hi))
+}
+
+fn hierarchy<T: Coordinate>(all: &[(Aabb, u32, u8)]) -> Wide<T> {
+    let mut items: Vec<Item<T>> = all
+        .par_iter()
+        .map(|&(b, id, kind)| Item { lo: b.lo.to_array().map(T::down), hi: b.hi.to_array().map(T::up), id, kind })
+        .collect();
+    let root = build_binary(&mut items);
+    Wide::collapse(root.as_ref(), &items)
+}

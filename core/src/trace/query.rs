@@ -1,0 +1,225 @@
+//! One ray against the whole scene in f64: what it surely meets, or the few objects among
+//! which the arbiter must choose.
+
+use super::arbiter::Decision;
+use super::prepared::PreparedScene;
+use crate::bvh::{Boxes, Coordinate, Link, WIDTH, Wide};
+use crate::geometry::local::surface_and_order;
+use crate::geometry::{ObjectId, Ray, Span, TINY, U, norm1, plane, sphere, triangle};
+use crate::scene::SurfaceId;
+
+/// What is met first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Closest {
+    /// Surely nothing.
+    Nothing,
+    /// Surely this.
+    Sure(Decision),
+    /// One of the candidates, or nothing: ask the arbiter.
+    Doubt,
+}
+
+/// Whether a segment is blocked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Occluded {
+    No,
+    Yes,
+    /// By one of the candidates, or not at all: ask the arbiter.
+    Doubt,
+}
+
+/// Memory of a query, kept between queries of one thread.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    found: Vec<(ObjectId, Span)>,
+    stack: Vec<(Link, f64)>,
+}
+
+impl Scratch {
+    /// After a [`Closest::Doubt`] or [`Occluded::Doubt`]: the objects it concerns.
+    pub(crate) fn candidates(&self) -> impl Iterator<Item = ObjectId> + '_ {
+        self.found.iter().map(|(id, _)| *id)
+    }
+}
+
+/// A ray made ready for boxes: starts moved outward by all that it may be misplaced anywhere
+/// in the scene, so that a box is surely met where the real ray meets it.
+struct Slabs {
+    /// Subtracted from a box's upper ends, and lower ends, per axis.
+    minus: [f64; 3],
+    plus: [f64; 3],
+    inv: [f64; 3],
+}
+
+impl Slabs {
+    fn new(ray: &Ray, reach: f64) -> Self {
+        let pad = 2.0 * (ray.eo + (ray.ed + 8.0 * U) * (reach + norm1(ray.o))) + TINY;
+        let (o, d) = (ray.o.to_array(), ray.d.to_array());
+        Self { minus: o.map(|x| x - pad), plus: o.map(|x| x + pad), inv: d.map(|x| 1.0 / x) }
+    }
+
+    /// Where the box [lo, hi] is entered, or `None` where it is surely not met in [0, bound].
+    /// `f64::max` and `min` discard the NaN of 0 · ∞, which means "no limit from this side".
+    fn enter(&self, lo: [f64; 3], hi: [f64; 3], bound: f64) -> Option<f64> {
+        let (mut near, mut far) = (0.0f64, bound);
+        for k in 0..3 {
+            let (first, last) = if self.inv[k] >= 0.0 {
+                ((lo[k] - self.plus[k]) * self.inv[k], (hi[k] - self.minus[k]) * self.inv[k])
+            } else {
+                ((hi[k] - self.minus[k]) * self.inv[k], (lo[k] - self.plus[k]) * self.inv[k])
+            };
+            near = near.max(first);
+            far = far.min(last);
+        }
+        // Three roundings a side.
+        (near <= far + 8.0 * U * far.abs()).then_some(near * (1.0 - 8.0 * U))
+    }
+}
+
+impl PreparedScene {
+    fn test(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
+        let own = from.filter(|f| f.id == id);
+        let (planes, spheres) = (self.local.planes.len(), self.local.spheres.len());
+        let i = id.0 as usize;
+        if i < planes {
+            return if own.is_some() { None } else { plane::test(ray, &self.local.planes[i]) };
+        }
+        if i < planes + spheres {
+            let s = &self.local.spheres[i - planes];
+            return match own {
+                None => sphere::test(ray, s),
+                Some(f) if f.inside => sphere::test_from_inside(ray, s),
+                Some(_) => None,
+            };
+        }
+        if own.is_some() {
+            return None;
+        }
+        triangle::test(ray, &self.local.triangle(&self.scene.triangles()[i - planes - spheres]))
+    }
+
+    /// Calls `visit` for every object that may be met before `bound`, which it may lower.
+    /// Ends when `visit` says so by `true`.
+    fn walk(
+        &self,
+        ray: &Ray,
+        from: Option<Decision>,
+        bound: &mut f64,
+        stack: &mut Vec<(Link, f64)>,
+        visit: &mut impl FnMut(ObjectId, Span, &mut f64) -> bool,
+    ) -> bool {
+        for i in 0..self.local.planes.len() {
+            let id = ObjectId(i as u32);
+            if let Some(span) = self.test(ray, id, from)
+                && span.lo <= *bound
+                && visit(id, span, bound)
+            {
+                return true;
+            }
+        }
+        match &self.boxes {
+            Boxes::Single(wide) => self.walk_boxes(wide, ray, from, bound, stack, visit),
+            Boxes::Double(wide) => self.walk_boxes(wide, ray, from, bound, stack, visit),
+        }
+    }
+
+    fn walk_boxes<T: Coordinate>(
+        &self,
+        wide: &Wide<T>,
+        ray: &Ray,
+        from: Option<Decision>,
+        bound: &mut f64,
+        stack: &mut Vec<(Link, f64)>,
+        visit: &mut impl FnMut(ObjectId, Span, &mut f64) -> bool,
+    ) -> bool {
+        if wide.nodes.is_empty() {
+            return false;
+        }
+        let slabs = Slabs::new(ray, wide.reach());
+        stack.clear();
+        stack.push((Link::Inner(0), 0.0));
+        while let Some((link, near)) = stack.pop() {
+            if near > *bound {
+                continue;
+            }
+            match link {
+                Link::Nothing => {}
+                Link::Inner(index) => {
+                    let node = &wide.nodes[index];
+                    let mark = stack.len();
+                    for slot in 0..WIDTH {
+                        let link = node.child[slot].link();
+                        if link == Link::Nothing {
+                            break;
+                        }
+                        let lo = [0, 1, 2].map(|k| node.lo[k][slot].to_f64());
+                        let hi = [0, 1, 2].map(|k| node.hi[k][slot].to_f64());
+                        if let Some(enter) = slabs.enter(lo, hi, *bound) {
+                            stack.push((link, enter));
+                        }
+                    }
+                    // The nearest is taken first.
+                    stack[mark..].sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
+                }
+                Link::Leaf { start, count, .. } => {
+                    for &id in &wide.ids[start..start + count] {
+                        let id = ObjectId(id);
+                        if let Some(span) = self.test(ray, id, from)
+                            && span.lo <= *bound
+                            && visit(id, span, bound)
+                        {
+                            return true;
+                        }
+                    }
+                }
+            }
+        }
+        false
+    }
+
+    /// What `ray`, which starts on `from`, meets first.
+    pub(crate) fn closest(&self, ray: &Ray, from: Option<Decision>, scratch: &mut Scratch) -> Closest {
+        let Scratch { found, stack } = scratch;
+        found.clear();
+        let mut bound = f64::INFINITY;
+        self.walk(ray, from, &mut bound, stack, &mut |id, span, bound| {
+            if span.sure && span.hi < *bound {
+                *bound = span.hi;
+            }
+            found.push((id, span));
+            false
+        });
+        found.retain(|(_, s)| s.lo <= bound);
+        match found[..] {
+            [] => Closest::Nothing,
+            [(id, Span { sure: true, inside, .. })] => Closest::Sure(Decision { id, inside }),
+            _ => Closest::Doubt,
+        }
+    }
+
+    /// Whether anything meets the open segment from `ray.o`, on `from`, to `ray.o + ray.d`.
+    pub(crate) fn occluded(&self, ray: &Ray, from: Option<Decision>, scratch: &mut Scratch) -> Occluded {
+        let Scratch { found, stack } = scratch;
+        found.clear();
+        let mut bound = 1.0;
+        let blocked = self.walk(ray, from, &mut bound, stack, &mut |id, span, _| {
+            if span.sure && span.hi < 1.0 {
+                return true;
+            }
+            if span.lo < 1.0 {
+                found.push((id, span));
+            }
+            false
+        });
+        match (blocked, found.is_empty()) {
+            (true, _) => Occluded::Yes,
+            (false, true) => Occluded::No,
+            (false, false) => Occluded::Doubt,
+        }
+    }
+
+    /// The object's surface.
+    pub(crate) fn surface_of(&self, id: ObjectId) -> SurfaceId {
+        surface_and_order(&self.scene, id).0
+    }
+}

@@ -1,0 +1,194 @@
+//! Pictures on surfaces.
+
+use glam::{DVec2, DVec3};
+
+use super::arbiter::{Big, ExactHit, Vector};
+use crate::geometry::local::{Kind, kind};
+use crate::geometry::{Local, ObjectId, Ray, U, norm1, triangle};
+use crate::scene::{Picture, Pigment, PlanePosition, Scene};
+
+/// How a picture lies on an object that has one.
+#[derive(Clone, Debug)]
+pub(crate) struct Mapping {
+    id: ObjectId,
+    /// Sphere: unit equator, e × p, and pole. Plane: U, V, and nothing.
+    axes: [DVec3; 3],
+    exact: [Vector; 2],
+    /// Plane: the picture's origin in world space, and in local space.
+    origin: Vector,
+    local_origin: DVec3,
+}
+
+/// Mappings of a scene's pictured spheres and planes, by rising id.
+pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
+    let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Picture(_));
+    let planes = scene.planes().iter().enumerate().filter(|(_, p)| pictured(p.surface)).map(|(i, p)| {
+        let n = Vector::new(p.normal).normalize();
+        let size = p.normal.abs();
+        // The axis with the least |n·axis|, x before y before z.
+        let t = if size.x <= size.y && size.x <= size.z {
+            DVec3::X
+        } else if size.y <= size.z {
+            DVec3::Y
+        } else {
+            DVec3::Z
+        };
+        let u = Vector::new(t).cross(&n).normalize();
+        let v = n.cross(&u);
+        let origin = match p.position {
+            PlanePosition::Point(q) => Vector::new(q),
+            PlanePosition::Distance(d) => n * Big::new(d),
+        };
+        let local_origin = super::arbiter::to_local(local, scene, &origin);
+        let axes = [u.to_f64(), v.to_f64(), DVec3::ZERO];
+        Mapping { id: ObjectId(i as u32), axes, exact: [u, v], origin, local_origin }
+    });
+    let first = scene.planes().len() as u32;
+    let spheres = scene.orientations().iter().map(|&(i, o)| {
+        let p = Vector::new(o.pole).normalize();
+        let e = Vector::new(o.equator);
+        let e = (e - p * e.dot(&p)).normalize();
+        let b = e.cross(&p);
+        Mapping {
+            id: ObjectId(first + i),
+            axes: [e.to_f64(), b.to_f64(), p.to_f64()],
+            exact: [Vector::ZERO; 2],
+            origin: Vector::ZERO,
+            local_origin: DVec3::ZERO,
+        }
+    });
+    planes.chain(spheres).collect()
+}
+
+fn find(mappings: &[Mapping], id: ObjectId) -> &Mapping {
+    let at = mappings.partition_point(|m| m.id < id);
+    &mappings[at]
+}
+
+/// (u, v) of the outward unit normal `m` of a sphere.
+fn on_sphere(map: &Mapping, m: DVec3) -> DVec2 {
+    let [e, b, p] = map.axes;
+    let (x, y, z) = (m.dot(e), m.dot(b), m.dot(p));
+    // atan2 of sine and cosine keeps its accuracy at the poles, where acos loses half of it.
+    let angle = libm::atan2(libm::sqrt(x * x + y * y), z);
+    let turn = libm::atan2(y, x) / std::f64::consts::TAU;
+    let u = if turn < 0.0 { turn + 1.0 } else { turn };
+    DVec2::new(u, 1.0 - angle / std::f64::consts::PI)
+}
+
+/// x − ⌊x⌋ in [0, 1).
+fn fraction(x: f64) -> f64 {
+    let f = x - x.floor();
+    if f < 1.0 { f } else { 0.0 }
+}
+
+/// A shading point in f64, as far as pictures need it.
+pub(crate) struct Place {
+    pub(crate) id: ObjectId,
+    pub(crate) inside: bool,
+    pub(crate) p: DVec3,
+    /// Bound on |p − p*|.
+    pub(crate) ep: f64,
+    /// Unit normal on the struck side and its bound.
+    pub(crate) n: DVec3,
+    pub(crate) en: f64,
+}
+
+/// (u, v) at `place`, met by `ray`, and the bound on their error.
+pub(crate) fn coordinates(
+    scene: &Scene,
+    local: &Local,
+    mappings: &[Mapping],
+    place: &Place,
+    ray: &Ray,
+) -> (DVec2, f64) {
+    match kind(scene, place.id) {
+        Kind::Sphere(_) => {
+            let map = find(mappings, place.id);
+            let m = if place.inside { -place.n } else { place.n };
+            let uv = on_sphere(map, m);
+            // Near a pole, u turns by en over the sine of the colatitude.
+            let sine = libm::sin(uv.y * std::f64::consts::PI).max(1e-300);
+            (uv, (place.en + 8.0 * U) * (0.5 + 0.5 / sine))
+        }
+        Kind::Plane(_) => {
+            let map = find(mappings, place.id);
+            let at = place.p - map.local_origin;
+            let world = |x: f64| crate::geometry::local::ldexp(x, local.power);
+            let e = world(place.ep + 8.0 * U * (norm1(place.p) + norm1(map.local_origin)));
+            (DVec2::new(fraction(world(at.dot(map.axes[0]))), fraction(world(at.dot(map.axes[1])))), e)
+        }
+        Kind::Triangle(i) => {
+            let f = triangle::forms(ray, &local.triangle(&scene.triangles()[i]));
+            let sum = f.w[0] + f.w[1] + f.w[2];
+            let (b1, b2) = (f.w[0] / sum, f.w[1] / sum);
+            (DVec2::new(b1.clamp(0.0, 1.0), b2.clamp(0.0, 1.0)), 6.0 * f.e / sum.abs())
+        }
+    }
+}
+
+/// (u, v) at `hit`, from wide arithmetic.
+pub(crate) fn exact_coordinates(scene: &Scene, mappings: &[Mapping], hit: &ExactHit) -> DVec2 {
+    match kind(scene, hit.decision.id) {
+        Kind::Sphere(_) => {
+            let m = hit.n.to_f64();
+            on_sphere(find(mappings, hit.decision.id), if hit.decision.inside { -m } else { m })
+        }
+        Kind::Plane(_) => {
+            let map = find(mappings, hit.decision.id);
+            let at = hit.p - map.origin;
+            let part = |axis: &Vector| {
+                let x = at.dot(axis);
+                let whole = x.to_f64().floor();
+                // Beyond 2^53 the nearest f64's floor may be off by whole units; once more settles it.
+                let rest = if whole.is_finite() { (x - Big::new(whole)).to_f64() } else { 0.0 };
+                fraction(rest)
+            };
+            DVec2::new(part(&map.exact[0]), part(&map.exact[1]))
+        }
+        Kind::Triangle(i) => {
+            let t = &scene.triangles()[i];
+            let [a, b, c] = t.written.map(Vector::new);
+            let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
+            let (n, at) = (e1.cross(&e2), hit.p - a);
+            let nn = n.dot(&n);
+            let b1 = at.cross(&e2).dot(&n).div(nn).to_f64();
+            let b2 = e1.cross(&at).dot(&n).div(nn).to_f64();
+            DVec2::new(b1.clamp(0.0, 1.0), b2.clamp(0.0, 1.0))
+        }
+    }
+}
+
+/// A picture decoded to linear components under some transfer.
+#[derive(Clone, Debug)]
+pub(crate) struct Texels {
+    /// Linear value of each stored sample value.
+    linear: Vec<f64>,
+}
+
+impl Texels {
+    pub(crate) fn new(picture: &Picture, to_linear: impl Fn(f64) -> f64) -> Self {
+        let max = f64::from(picture.maxval());
+        Self { linear: (0..=picture.maxval()).map(|s| to_linear(f64::from(s) / max)).collect() }
+    }
+
+    /// The bilinear value at (u, v); `wrap` says whether u and v repeat or are clamped.
+    pub(crate) fn sample(&self, picture: &Picture, uv: DVec2, wrap: [bool; 2]) -> DVec3 {
+        let (w, h) = (i64::from(picture.width()), i64::from(picture.height()));
+        let x = uv.x * picture.width() as f64 - 0.5;
+        let y = (1.0 - uv.y) * picture.height() as f64 - 0.5;
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        let place = |i: i64, n: i64, wrap: bool| if wrap { i.rem_euclid(n) } else { i.clamp(0, n - 1) };
+        let texel = |dx: i64, dy: i64| {
+            let i = place(x0 as i64 + dx, w, wrap[0]);
+            let j = place(y0 as i64 + dy, h, wrap[1]);
+            let at = 3 * (j * w + i) as usize;
+            let c = |k| self.linear[usize::from(picture.sample(at + k))];
+            DVec3::new(c(0), c(1), c(2))
+        };
+        let top = texel(0, 0) * (1.0 - fx) + texel(1, 0) * fx;
+        let bottom = texel(0, 1) * (1.0 - fx) + texel(1, 1) * fx;
+        top * (1.0 - fy) + bottom * fy
+    }
+}

@@ -1,0 +1,12 @@
+//! Scenes made by program: as documents to be read, and resolved.
+
+mod document;
+pub mod extreme;
+mod mesh;
+mod random;
+mod scenes;
+
+pub use document::{Document, Item, Look, Paint, Placement};
+pub use mesh::{Mesh, icosphere, knot, torus};
+pub use random::Random;
+pub use scenes::{demo, globe, knot_scene, lights, mirrors, sphereflake, terrain};
