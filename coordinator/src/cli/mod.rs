@@ -5,6 +5,7 @@ mod check;
 mod compare;
 mod console;
 mod describe;
+mod direct;
 mod exit;
 mod options;
 mod progress;

@@ -45,7 +45,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     let path = options.scene.clone();
     let read = unless_stopped(&stop, blocking(move || scene::read(&path))).await??;
     phases.read = reading.elapsed();
-    let scene = scene::accept(read, console)?;
+    let scene = scene::accept(read, &options.scene, console)?;
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
     let source = if options.workers > 0 {
@@ -67,7 +67,9 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     };
     let (tell, watched) = watch::channel(Progress::default());
     let shown = tokio::spawn(progress::show(progress::Style::of(options.progress), watched, console.clone()));
-    let ended = farm.render(job, tell, stop).await;
+    // The farm renders soon; until then the tracer is called directly.
+    drop(farm);
+    let ended = blocking(move || super::direct::render(&job, &tell, &stop)).await?;
     // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
     let _ = shown.await;
 
