@@ -5,7 +5,6 @@ mod check;
 mod compare;
 mod console;
 mod describe;
-mod direct;
 mod exit;
 mod options;
 mod progress;

@@ -67,9 +67,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     };
     let (tell, watched) = watch::channel(Progress::default());
     let shown = tokio::spawn(progress::show(progress::Style::of(options.progress), watched, console.clone()));
-    // The farm renders soon; until then the tracer is called directly.
-    drop(farm);
-    let ended = blocking(move || super::direct::render(&job, &tell, &stop)).await?;
+    let ended = farm.render(job, tell, stop).await;
     // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
     let _ = shown.await;
 
