@@ -45,7 +45,7 @@ impl Options {
     pub(crate) fn new(raw: Render) -> Result<Self, Failure> {
         let (width, height) = raw.size;
         let view = View::new(width, height, raw.zoom, raw.plane_height).map_err(Failure::usage)?;
-        let sampling = Sampling::uniform(raw.samples).map_err(|e| Failure::usage(format!("--samples: {e}")))?;
+        let sampling = Sampling::uniform(raw.samples).map_err(Failure::usage)?;
         let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
         let whole = Region { x0: 0, y0: 0, x1: width, y1: height };
         let region = raw.region.unwrap_or(whole);

@@ -179,7 +179,7 @@ fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
         format!(", {:.0} % of it", 100.0 * done as f64 / rendered.region.area() as f64)
     };
     format!(
-        "{}: {}x{} pixels{part} in {}, {:.1} million rays, {speed:.1} a second",
+        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s",
         output.path().display(),
         rendered.region.width(),
         rendered.region.height(),
