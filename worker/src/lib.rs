@@ -15,7 +15,6 @@ mod studio;
 
 use std::sync::Arc;
 
-use tessera_core::trace::PreparedScene;
 use tessera_proto::InstanceId;
 use tokio_util::sync::CancellationToken;
 
@@ -63,12 +62,18 @@ impl Config {
 }
 
 /// A scene that need not be fetched, since its coordinator is in this process.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct LocalScene {
     /// Proves to the coordinator that the scene is its own.
     pub secret: [u8; 16],
-    /// The scene.
-    pub prepared: Arc<PreparedScene>,
+    /// What renders it, under the coordinator's settings: one for all workers of the process.
+    pub tracer: Arc<dyn TileTracer>,
+}
+
+impl std::fmt::Debug for LocalScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("LocalScene").finish_non_exhaustive()
+    }
 }
 
 /// Why a worker left in peace.

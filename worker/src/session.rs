@@ -17,7 +17,7 @@ use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_proto::wire::{self, CoordinatorMessage, WorkerMessage, coordinator_message::Kind as Hear};
 use tessera_proto::{InstanceId, LeaseId, SceneHash, SessionId};
 use tokio::sync::mpsc;
-use tokio::task::{AbortHandle, JoinError};
+use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
@@ -28,6 +28,7 @@ use crate::Config;
 use crate::cache::SceneCache;
 use crate::heart::beat;
 use crate::render::Foreman;
+use crate::studio::TileTracer;
 
 /// Bytes of a scene on their way at most: an ocean away, a smaller window would be the limit.
 const WINDOW: u32 = 16 << 20;
@@ -82,10 +83,6 @@ pub(crate) fn says(status: &Status) -> String {
         source = s.source();
     }
     if text.is_empty() { format!("{:?}", status.code()) } else { text }
-}
-
-fn lost(e: &JoinError) -> Outcome {
-    Outcome::Lost(format!("the scene could not be prepared: {e}"))
 }
 
 /// Ends a task when nobody is left to wait for it.
@@ -168,24 +165,42 @@ impl Session {
         Ok(Talk { client, session, out, inbox, heart: tokio::spawn(heart) })
     }
 
-    /// The scene of `job`, from wherever it is nearest.
-    async fn scene(&self, job: &Job, talk: &mut Talk) -> Result<Arc<PreparedScene>, Outcome> {
+    /// What renders `job`, its scene taken from wherever it is nearest.
+    async fn tracer(&self, job: &Job, talk: &mut Talk) -> Result<Arc<dyn TileTracer>, Outcome> {
         let Some((hash, bytes)) = job.scene else {
             let local = self.config.local.as_ref();
-            return local.map(|l| l.prepared.clone()).ok_or_else(|| Outcome::Lost("there is no scene".into()));
+            return local.map(|l| l.tracer.clone()).ok_or_else(|| Outcome::Lost("there is no scene".into()));
         };
-        if let Some(prepared) = self.cache.get(hash) {
-            tracing::info!("scene {hash} is here already");
-            return Ok(prepared);
+        let prepared = match self.cache.get(hash) {
+            Some(prepared) => {
+                tracing::info!("scene {hash} is here already");
+                prepared
+            }
+            None => {
+                self.cache.make_room();
+                tracing::info!("fetching scene {hash}, {bytes} bytes");
+                let scene = Arc::new(talk.fetch(hash, bytes).await?);
+                let prepared = self.on_pool(move || PreparedScene::build(scene)).await?;
+                let prepared = Arc::new(prepared);
+                self.cache.put(hash, prepared.clone());
+                prepared
+            }
+        };
+        let (studio, settings) = (self.config.studio.clone(), job.settings);
+        match self.on_pool(move || studio.open(prepared, settings)).await? {
+            Ok(tracer) => Ok(tracer),
+            Err(e) => {
+                say(&talk.out, Say::Unable(wire::Unable { cause: e.to_string() })).await?;
+                Err(Outcome::Lost(format!("the job cannot be rendered here: {e}")))
+            }
         }
-        self.cache.make_room();
-        tracing::info!("fetching scene {hash}, {bytes} bytes");
-        let scene = Arc::new(talk.fetch(hash, bytes).await?);
+    }
+
+    /// Computes on the rendering threads, not on those that keep the connection.
+    async fn on_pool<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Outcome> {
         let pool = self.pool.clone();
-        let prepared = tokio::task::spawn_blocking(move || pool.install(|| PreparedScene::build(scene)));
-        let prepared = Arc::new(prepared.await.map_err(|e| lost(&e))?);
-        self.cache.put(hash, prepared.clone());
-        Ok(prepared)
+        let done = tokio::task::spawn_blocking(move || pool.install(work)).await;
+        done.map_err(|e| Outcome::Lost(format!("the scene could not be prepared: {e}")))
     }
 }
 
@@ -256,14 +271,7 @@ impl Talk {
             Some(Hear::Finished(_)) => return Ok(None),
             _ => return Err(Outcome::Lost("the coordinator offers no job".into())),
         };
-        let scene = session.scene(&job, self).await?;
-        let tracer = match session.config.studio.open(scene, job.settings) {
-            Ok(tracer) => tracer,
-            Err(e) => {
-                say(&self.out, Say::Unable(wire::Unable { cause: e.to_string() })).await?;
-                return Err(Outcome::Lost(format!("the job cannot be rendered here: {e}")));
-            }
-        };
+        let tracer = session.tracer(&job, self).await?;
         let form = (job.pixels, job.settings.transfer);
         Ok(Some(Foreman::new(session.pool.clone(), tracer, form, self.out.clone())))
     }
@@ -293,7 +301,7 @@ impl Talk {
             }
         }
         drop(to_reader);
-        let (scene, got) = reader.await.map_err(|e| lost(&e))?.map_err(|e| bad(&e))?;
+        let (scene, got) = reader.await.map_err(|e| bad(&e))?.map_err(|e| bad(&e))?;
         if got != hash { Err(bad(&"its hash differs")) } else { Ok(scene) }
     }
 

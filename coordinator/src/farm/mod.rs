@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 
 use tessera_core::film::Region;
 use tessera_core::settings::Sampling;
-use tessera_core::trace::{PreparedScene, Tracer};
+use tessera_core::trace::PreparedScene;
 use tessera_proto::limits::{KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT};
 use tokio::net::TcpListener;
 use tokio::sync::{OnceCell, mpsc, watch};
@@ -19,7 +19,7 @@ use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::Server;
-use worker::LocalScene;
+use worker::{LocalScene, TileTracer};
 
 use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
 use crate::scheduler::{self, Scheduler};
@@ -84,7 +84,7 @@ impl Farm {
         {
             return Err(RenderError::Region(job.region).into());
         }
-        let prepared = prepared(&job).await?;
+        let tracer = tracer(&job).await?;
         progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
 
         let (heard_by, heard) = mpsc::channel(HEARD);
@@ -113,7 +113,7 @@ impl Farm {
             );
         let server = Aborted(tokio::spawn(server).abort_handle());
 
-        let local = prepared.map(|prepared| LocalScene { secret: door.secret, prepared });
+        let local = tracer.map(|tracer| LocalScene { secret: door.secret, tracer });
         let workers = local.map(|local| start_workers(&job, self.addr, &local, &closing));
         let Sampling::Uniform { grid } = job.settings.sampling;
         let scheduler = Scheduler::new(scheduler::Config {
@@ -142,20 +142,20 @@ impl Farm {
     }
 }
 
-/// The scene as workers of this process need it; `None` where there are none.
-async fn prepared(job: &RenderJob) -> Result<Option<Arc<PreparedScene>>, RenderError> {
-    let prepared = match &job.scene {
-        SceneSource::Prepared(prepared) => prepared.clone(),
-        SceneSource::Resolved(_) if job.workers == 0 => return Ok(None),
-        SceneSource::Resolved(scene) => {
-            let scene = scene.clone();
-            let built = tokio::task::spawn_blocking(move || PreparedScene::build(scene)).await;
-            Arc::new(built.map_err(|e| RenderError::Internal(e.to_string()))?)
-        }
-    };
-    // Found out here, once, rather than by every worker.
-    Tracer::new(prepared.clone(), job.settings)?;
-    Ok(Some(prepared))
+/// What renders tiles in this process, one for all its workers; `None` where there are none.
+async fn tracer(job: &RenderJob) -> Result<Option<Arc<dyn TileTracer>>, RenderError> {
+    if job.workers == 0 {
+        return Ok(None);
+    }
+    let (scene, studio, settings) = (job.scene.clone(), job.studio.clone(), job.settings);
+    let opened = tokio::task::spawn_blocking(move || {
+        let prepared = match scene {
+            SceneSource::Prepared(prepared) => prepared,
+            SceneSource::Resolved(scene) => Arc::new(PreparedScene::build(scene)),
+        };
+        studio.open(prepared, settings)
+    });
+    Ok(Some(opened.await.map_err(|e| RenderError::Internal(e.to_string()))??))
 }
 
 /// Starts the workers of this process; they end when the set is dropped.
@@ -173,7 +173,6 @@ fn start_workers(job: &RenderJob, addr: SocketAddr, local: &LocalScene, stop: &C
             name: format!("local-{}", n + 1),
             once: true,
             local: Some(local.clone()),
-            studio: job.studio.clone(),
             ..worker::Config::new(reach.into())
         };
         let stop = stop.clone();
