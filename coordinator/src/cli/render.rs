@@ -10,6 +10,7 @@ use tessera_core::film::file::{Output, write_text};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
+use tracing::info;
 
 use super::args::{ProgressArg, Render};
 use super::console::Console;
@@ -45,6 +46,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     let path = options.scene.clone();
     let read = unless_stopped(&stop, blocking(move || scene::read(&path))).await??;
     phases.read = reading.elapsed();
+    info!(seconds = phases.read.as_secs_f64(), "scene read");
     let scene = scene::accept(read, &options.scene, console)?;
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
@@ -52,6 +54,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
         let building = Instant::now();
         let prepared = unless_stopped(&stop, blocking(move || PreparedScene::build(scene))).await??;
         phases.build = building.elapsed();
+        info!(seconds = phases.build.as_secs_f64(), "structures built");
         SceneSource::Prepared(Arc::new(prepared))
     } else {
         SceneSource::Resolved(scene)
@@ -156,6 +159,7 @@ fn finish(
     let failed = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, e);
     output.write(rendered.region.width(), rendered.region.height(), pixels).map_err(|e| failed(&e))?;
     phases.write = writing.elapsed();
+    info!(seconds = phases.write.as_secs_f64(), file = %output.path().display(), "picture written");
     let (Some(to), Some(description)) = (&options.report, description) else { return Ok(()) };
     let name = output.path().display().to_string();
     let report = Report::new(options, name, description, rendered, &phases, began.elapsed());

@@ -61,7 +61,7 @@ fn position(steps: f32) -> f32 {
 
 fn colour(steps: f32) -> [u8; 3] {
     // Also where it is not a number.
-    if !(steps >= LEAST) {
+    if steps.is_nan() || steps < LEAST {
         return [0; 3];
     }
     let at = position(steps).clamp(0.0, 1.0) * (COLOURS.len() - 1) as f32;
