@@ -2,7 +2,8 @@
 
 use std::io::{IsTerminal, Write, stderr, stdout};
 
-use indicatif::MultiProgress;
+use console::Term;
+use indicatif::{MultiProgress, ProgressDrawTarget, TermLike};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -27,7 +28,12 @@ impl Console {
     /// The console of this process.
     pub(crate) fn new() -> Self {
         let unwanted = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
-        Self { bars: MultiProgress::new(), colour: stderr().is_terminal() && !unwanted }
+        let terminal = stderr().is_terminal();
+        let bars = MultiProgress::new();
+        if terminal {
+            bars.set_draw_target(ProgressDrawTarget::term_like_with_hz(Box::new(Narrow(Term::buffered_stderr())), 15));
+        }
+        Self { bars, colour: terminal && !unwanted }
     }
 
     /// Where progress bars are drawn.
@@ -86,6 +92,53 @@ impl Console {
             Tone::Warning => "1;33",
         };
         format!("\x1b[{code}m{text}\x1b[0m")
+    }
+}
+
+/// The terminal, said to be a little narrower than it is. Bars fill their line, and what
+/// is echoed of Ctrl-C would break a full line in two, half of which would stay behind.
+#[derive(Debug)]
+struct Narrow(Term);
+
+impl TermLike for Narrow {
+    fn width(&self) -> u16 {
+        self.0.size().1.saturating_sub(3).max(1)
+    }
+
+    fn height(&self) -> u16 {
+        self.0.size().0
+    }
+
+    fn move_cursor_up(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_up(n)
+    }
+
+    fn move_cursor_down(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_down(n)
+    }
+
+    fn move_cursor_right(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_right(n)
+    }
+
+    fn move_cursor_left(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_left(n)
+    }
+
+    fn write_line(&self, line: &str) -> std::io::Result<()> {
+        self.0.write_line(line)
+    }
+
+    fn write_str(&self, text: &str) -> std::io::Result<()> {
+        self.0.write_str(text)
+    }
+
+    fn clear_line(&self) -> std::io::Result<()> {
+        self.0.clear_line()
+    }
+
+    fn flush(&self) -> std::io::Result<()> {
+        self.0.flush()
     }
 }
 

@@ -68,7 +68,7 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
             (Some(Bar(bar)), _) => {
                 bar.set_length(now.pixels_total.max(1));
                 bar.set_position(now.pixels_done);
-                bar.set_message(fitting(&details(&now)));
+                bar.set_message(details(&now));
             }
             (None, Style::Json) => console.say(&json(&now)),
             (None, _) => console.say(&format!("{:3.0} %  {}", 100.0 * share(&now), details(&now))),
@@ -88,17 +88,10 @@ impl Drop for Bar {
 fn new_bar(console: &Console) -> ProgressBar {
     let bar = console.bars().add(ProgressBar::new(1));
     // Falls back to the crate's own look, should the template ever not parse.
-    if let Ok(style) = ProgressStyle::with_template("{bar:24.cyan/blue} {percent:>3} %  {msg}") {
+    if let Ok(style) = ProgressStyle::with_template("{bar:24.cyan/blue} {percent:>3} %  {wide_msg}") {
         bar.set_style(style.progress_chars("━╸─"));
     }
     bar
-}
-
-/// As much of `text` as fits behind the bar. The line's last columns stay free: what the
-/// terminal echoes of Ctrl-C would break a full line in two, and leave half of it behind.
-fn fitting(text: &str) -> String {
-    let (_, columns) = console::Term::stderr().size();
-    text.chars().take(usize::from(columns).saturating_sub(24 + 8 + 4)).collect()
 }
 
 fn share(p: &Progress) -> f64 {
