@@ -12,4 +12,5 @@ pub mod generate;
 pub mod oracle;
 pub mod peers;
 pub mod pigment;
+pub mod program;
 pub mod reference;
