@@ -12,3 +12,4 @@ pub mod oracle;
 pub mod peers;
 pub mod pigment;
 pub mod reference;
+pub mod subject;
