@@ -1,3 +1,9 @@
-//! Reads a scene, hands tiles to workers, stitches the picture.
+//! Hands the tiles of a picture to workers and stitches what they return.
 
+mod farm;
+mod job;
 pub mod povray;
+
+pub use farm::{Farm, render};
+pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
+pub use tessera_proto::{PixelFormat, Pixels};

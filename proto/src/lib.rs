@@ -1,1 +1,20 @@
-//! Stub.
+//! The farm's wire protocol: `farm.proto`, and the one place where its messages
+//! become core types and back.
+//!
+//! `farm.proto`'s comments are the specification. [`wire`] is what is generated
+//! from it; [`convert`] checks what arrives; [`scene`] is the scene's binary form.
+
+pub mod convert;
+mod ids;
+pub mod limits;
+mod pixels;
+pub mod scene;
+
+pub use ids::{Attempt, InstanceId, LeaseId, Pass, SceneHash, SessionId};
+pub use pixels::{PixelFormat, Pixels};
+
+/// What is generated from `farm.proto`, documented there.
+#[allow(missing_docs, unreachable_pub, clippy::all, clippy::unwrap_used)]
+pub mod wire {
+    tonic::include_proto!("tessera.farm.v1");
+}

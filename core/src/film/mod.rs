@@ -1,7 +1,12 @@
 //! Tiles, pictures, files.
 
+pub mod encode;
+pub mod file;
+mod image;
 mod region;
+pub mod transfer;
 
+pub use image::{Image, PixelsRef, pixels_sha256};
 pub use region::Region;
 
 /// A rendered part of a picture: linear radiance, rows from the top.

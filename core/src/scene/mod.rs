@@ -7,6 +7,7 @@
 
 mod builder;
 mod picture;
+pub mod pixmap;
 
 pub use builder::{Invalid, SceneBuilder};
 pub use picture::{Picture, PictureError};

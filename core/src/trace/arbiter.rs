@@ -115,8 +115,8 @@ pub(crate) fn meet(scene: &Scene, ray: &ExactRay, id: ObjectId) -> Option<(Big, 
             }
             // Barycentric weights times den, by the moments relative to p0.
             let q = p0.cross(&ray.d);
-            let b1 = -e2.dot(&q);
-            let b2 = e1.dot(&q);
+            let b1 = e2.dot(&q);
+            let b2 = -e1.dot(&q);
             let b0 = den - b1 - b2;
             let inside =
                 [(b0, e1.length() + e2.length()), (b1, e2.length()), (b2, e1.length())].iter().all(|(b, edge)| {

@@ -52,6 +52,16 @@ pub enum PrepareError {
     MaxDepth,
 }
 
+/// What one point of the image plane shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Linear, unclamped radiance.
+    pub radiance: DVec3,
+    /// A hash of everything discrete along the path: objects met, sides struck, lights seen.
+    /// Between two points of equal signature, radiance varies smoothly or a feature lies hidden.
+    pub signature: u64,
+}
+
 /// A surface under a transfer: linear colour times diffuse, and what it mirrors.
 #[derive(Clone, Copy, Debug)]
 struct Material {
@@ -157,6 +167,15 @@ impl Tracer {
         (Tile { region, pixels }, counts)
     }
 
+    /// What each of `points` shows, in their order; units are 1/(2·grid) pixel of the settings' sampling.
+    /// Sequential: callers spread work over threads.
+    #[must_use]
+    pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
+        let (mut scratch, mut counts) = (PathScratch::default(), RayCounts::default());
+        let samples = points.iter().map(|&p| self.sample(p, &mut scratch, &mut counts)).collect();
+        (samples, counts)
+    }
+
     fn block(&self, block: Region, scratch: &mut PathScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
         let mut pixels = Vec::with_capacity(block.area() as usize);
         let n = self.grid;
@@ -166,7 +185,7 @@ impl Tracer {
                 let mut sum = DVec3::ZERO;
                 for b in 0..n {
                     for a in 0..n {
-                        sum += self.radiance(self.frame.point((i, j), (a, b)), scratch, counts);
+                        sum += self.sample(self.frame.point((i, j), (a, b)), scratch, counts).radiance;
                     }
                 }
                 pixels.push((sum * share).to_array().map(|c| c as f32));

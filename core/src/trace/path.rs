@@ -6,13 +6,21 @@ use super::arbiter::{self, Decision, ExactHit, ExactRay};
 use super::camera::PlanePoint;
 use super::query::{Closest, Occluded, Scratch};
 use super::texture::{self, Place};
-use super::{RayCounts, Tracer};
+use super::{RayCounts, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, norm1, plane, sphere, triangle};
 use crate::scene::Pigment;
 
 /// Values whose bound exceeds this, as a share of what they can be, are taken from wide arithmetic.
-const VALUE: f64 = 1.0 / (1u64 << 26) as f64;
+const VALUE: f64 = 1.0 / (1u64 << 20) as f64;
+
+/// A hash step (the finaliser of SplitMix64).
+fn mix(hash: u64, word: u64) -> u64 {
+    let x = (hash ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
 
 /// Memory of a thread that traces paths.
 #[derive(Debug, Default)]
@@ -50,8 +58,8 @@ impl ExactPath<'_> {
 }
 
 impl Tracer {
-    /// Radiance seen through `point`.
-    pub(crate) fn radiance(&self, point: PlanePoint, scratch: &mut PathScratch, counts: &mut RayCounts) -> DVec3 {
+    /// What is seen through `point`.
+    pub(crate) fn sample(&self, point: PlanePoint, scratch: &mut PathScratch, counts: &mut RayCounts) -> Sample {
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
@@ -60,6 +68,7 @@ impl Tracer {
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
         let mut sum = DVec3::ZERO;
+        let mut signature = 0;
         counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
             let decision = match self.prepared.closest(&ray, from, query) {
@@ -71,8 +80,9 @@ impl Tracer {
                 }
             };
             let Some(decision) = decision else {
-                return sum + self.background * throughput;
+                return Sample { radiance: sum + self.background * throughput, signature: mix(signature, u64::MAX) };
             };
+            signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = &self.materials[self.prepared.surface_of(decision.id).0 as usize];
             let mut place = self.place(&ray, decision, from);
             let mut wide = self.too_wide(&place).then(|| exact.hit(trail, decision));
@@ -124,6 +134,7 @@ impl Tracer {
                     };
                     if !blocked {
                         cosines.push(cosine);
+                        signature ^= mix(signature | 1, k as u64 + 1).rotate_left(depth);
                     }
                 }
                 let lit: f64 = cosines.iter().sum();
@@ -148,7 +159,7 @@ impl Tracer {
             trail.push(decision);
             from = Some(decision);
         }
-        sum
+        Sample { radiance: sum, signature }
     }
 
     /// Where `ray` meets what it is known to meet, in f64.

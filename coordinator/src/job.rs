@@ -1,0 +1,226 @@
+//! What the farm is asked for, says on the way, and gives back.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tessera_core::film::Region;
+use tessera_core::scene::Scene;
+use tessera_core::settings::Settings;
+use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
+use tessera_proto::{PixelFormat, Pixels};
+
+/// The scene of a job.
+#[derive(Clone, Debug)]
+pub enum SceneSource {
+    /// Resolved only: workers in this process prepare it once, when there are any.
+    Resolved(Arc<Scene>),
+    /// Already prepared; workers in this process share it as it is.
+    Prepared(Arc<PreparedScene>),
+}
+
+impl SceneSource {
+    /// The resolved scene.
+    #[must_use]
+    pub fn scene(&self) -> &Arc<Scene> {
+        match self {
+            Self::Resolved(scene) => scene,
+            Self::Prepared(prepared) => prepared.scene(),
+        }
+    }
+}
+
+/// Edge of a tile.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TileSize {
+    /// By measured cost.
+    #[default]
+    Auto,
+    /// This many pixels, 1 to [`TileSize::MAX_EDGE`]; larger is taken as that.
+    Edge(u32),
+}
+
+impl TileSize {
+    /// The largest edge of a tile in pixels; its pixels fit one message in every format.
+    pub const MAX_EDGE: u32 = 256;
+}
+
+/// Where workers are awaited.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ListenAddr {
+    /// 127.0.0.1, a free port: workers of this machine only.
+    #[default]
+    Loopback,
+    /// This address; port 0 is a free one.
+    Socket(SocketAddr),
+}
+
+/// One picture to render.
+#[derive(Clone, Debug)]
+pub struct RenderJob {
+    /// What is seen.
+    pub scene: SceneSource,
+    /// How it is seen.
+    pub settings: Settings,
+    /// The pixels wanted, inside the view.
+    pub region: Region,
+    /// What pixels the output needs.
+    pub pixels: PixelFormat,
+    /// Edge of a tile.
+    pub tile: TileSize,
+    /// Workers started inside this process; 0 waits for others to connect.
+    pub workers: usize,
+    /// Threads of all workers in this process together; each has at least one.
+    pub threads: usize,
+    /// How long to go on without any worker.
+    pub patience: Duration,
+}
+
+impl RenderJob {
+    /// The whole picture of `settings.view` in 8 bits, by two workers with every core.
+    #[must_use]
+    pub fn new(scene: SceneSource, settings: Settings) -> Self {
+        let (x1, y1) = (settings.view.width(), settings.view.height());
+        Self {
+            scene,
+            settings,
+            region: Region { x0: 0, y0: 0, x1, y1 },
+            pixels: PixelFormat::Rgb8,
+            tile: TileSize::Auto,
+            workers: 2,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            patience: Duration::from_secs(30),
+        }
+    }
+}
+
+/// How far a render is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Tiles stitched.
+    pub tiles_done: u64,
+    /// Tiles in all: an estimate until the end where tiles are sized by cost.
+    pub tiles_total: u64,
+    /// Pixels stitched.
+    pub pixels_done: u64,
+    /// Pixels in all.
+    pub pixels_total: u64,
+    /// Rays of the tiles stitched.
+    pub rays: RayCounts,
+    /// Every worker that ever registered, in order of arrival.
+    pub workers: Vec<WorkerStats>,
+    /// Since the render began.
+    pub elapsed: Duration,
+}
+
+/// What one worker did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WorkerStats {
+    /// Its name, unique in this render.
+    pub name: String,
+    /// Its threads.
+    pub threads: u32,
+    /// Where it connected from.
+    pub address: String,
+    /// Whether it is connected now.
+    pub connected: bool,
+    /// Tiles of it that are in the picture.
+    pub tiles: u64,
+    /// Pixels of it that are in the picture.
+    pub pixels: u64,
+    /// Rays of those tiles.
+    pub rays: RayCounts,
+    /// Time it spent rendering them.
+    pub busy: Duration,
+    /// Tiles it was given and did not deliver: failed, late or lost with it.
+    pub lost: u64,
+    /// Why it left, where it left before the end.
+    pub left: Option<String>,
+}
+
+/// A picture, whole or in part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendered {
+    /// Where its pixels are in the view.
+    pub region: Region,
+    /// The pixels of `region`, black where not done.
+    pub image: Pixels,
+    /// Which parts are done; together they are `region` when the render succeeded.
+    pub done: Vec<Region>,
+    /// Rays of all parts.
+    pub rays: RayCounts,
+    /// Every worker that ever registered, in order of arrival.
+    pub workers: Vec<WorkerStats>,
+    /// Tiles that make up the picture.
+    pub tiles: u64,
+    /// From the first lease to the last pixel stitched.
+    pub trace: Duration,
+}
+
+impl Rendered {
+    /// Whether every pixel is done.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.done.iter().map(Region::area).sum::<u64>() == self.region.area()
+    }
+}
+
+/// Why a render ended without its picture.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The address cannot be listened on.
+    #[error("cannot listen on {addr}: {source}")]
+    Listen {
+        /// The address asked for.
+        addr: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The scene cannot be traced under these settings.
+    #[error(transparent)]
+    Prepare(#[from] PrepareError),
+    /// The region reaches outside the picture.
+    #[error("the region {},{} to {},{} reaches outside the picture", .0.x0, .0.y0, .0.x1, .0.y1)]
+    Region(Region),
+    /// Nobody was there to render for too long.
+    #[error("no worker for {} s: {}", .waited.as_secs(), if *.ever { "all were lost" } else { "none came" })]
+    NoWorkers {
+        /// How long nobody was there.
+        waited: Duration,
+        /// Whether there had been a worker before.
+        ever: bool,
+    },
+    /// A tile failed wherever it was tried.
+    #[error("tile {},{} to {},{} failed on {attempts} workers; last: {cause}", .region.x0, .region.y0, .region.x1, .region.y1)]
+    Tile {
+        /// The tile's pixels.
+        region: Region,
+        /// How often it was tried.
+        attempts: u32,
+        /// The last failure.
+        cause: String,
+    },
+    /// The caller asked to stop.
+    #[error("stopped")]
+    Cancelled,
+    /// A defect of this program.
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
+/// A render that did not finish, and what it has: nothing finished is lost.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}")]
+pub struct Unfinished {
+    /// Why.
+    #[source]
+    pub error: RenderError,
+    /// What was done until then; `None` where it never began.
+    pub partial: Option<Box<Rendered>>,
+}
+
+impl From<RenderError> for Unfinished {
+    fn from(error: RenderError) -> Self {
+        Self { error, partial: None }
+    }
+}

@@ -1,0 +1,61 @@
+//! OpenEXR.
+
+use std::io::{self, BufRead, Cursor, Seek, Write};
+
+use exr::prelude::*;
+
+use super::read::ReadError;
+use crate::film::image::Image as Linear;
+
+/// Linear RGB of 32-bit floats in one layer.
+pub(super) fn write(to: &mut impl Write, width: u32, height: u32, pixels: &[[f32; 3]]) -> io::Result<()> {
+    let size = (width as usize, height as usize);
+    let pixel = |at: Vec2<usize>| {
+        let [r, g, b] = pixels[at.y() * size.0 + at.x()];
+        (r, g, b)
+    };
+    let encoding =
+        Encoding { compression: Compression::RLE, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let layer = Layer::new(size, LayerAttributes::default(), encoding, SpecificChannels::rgb(pixel));
+    // The format's table of offsets comes first and is filled in last.
+    let mut bytes = Cursor::new(Vec::with_capacity(12 * pixels.len() + 4096));
+    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).map_err(|e| match e {
+        Error::Io(e) => e,
+        e => io::Error::other(e),
+    })?;
+    to.write_all(bytes.get_ref())
+}
+
+/// Reads the first layer with red, green and blue.
+pub(super) fn read(from: impl BufRead + Seek) -> std::result::Result<Linear, ReadError> {
+    let wrap = |e| match e {
+        Error::Io(e) if e.kind() == io::ErrorKind::UnexpectedEof => ReadError::Broken("it is truncated".into()),
+        Error::Io(e) => ReadError::Io(e),
+        e => ReadError::Broken(e.to_string()),
+    };
+    let mut from = from;
+    let start = from.stream_position().map_err(ReadError::Io)?;
+    let metadata = MetaData::read_from_buffered(&mut from, false).map_err(wrap)?;
+    for header in &metadata.headers {
+        let Vec2(w, h) = header.layer_size;
+        super::read::pixel_count(u32::try_from(w).unwrap_or(u32::MAX), u32::try_from(h).unwrap_or(u32::MAX))?;
+    }
+    from.seek(io::SeekFrom::Start(start)).map_err(ReadError::Io)?;
+    let image = exr::image::read::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size, _| (size.width(), vec![[0.0_f32; 3]; size.area()]),
+            |(width, pixels): &mut (usize, Vec<[f32; 3]>), at, (r, g, b): (f32, f32, f32)| {
+                pixels[at.y() * *width + at.x()] = [r, g, b];
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(from)
+        .map_err(wrap)?;
+    let Vec2(width, height) = image.layer_data.size;
+    let (width, height) = (width as u32, height as u32);
+    Linear::new(width, height, image.layer_data.channel_data.pixels.1).ok_or(ReadError::Size(width, height))
+}

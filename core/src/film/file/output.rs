@@ -1,0 +1,162 @@
+//! Where a picture will go: checked before it is rendered, written whole or not at all.
+
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::atomic::Temporary;
+use super::{Depth, Kind, exr, netpbm, png};
+use crate::film::encode;
+use crate::film::image::PixelsRef;
+use crate::settings::Transfer;
+
+/// Why a picture cannot be written where it should.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// The extension names no kind of picture.
+    #[error(
+        "'{path}' {what}: a picture's name ends in {list}", path = .0.display(), list = Kind::LIST,
+        what = match .0.extension() {
+            Some(e) => format!("ends in .{}, which is no kind of picture this program writes", e.display()),
+            None => "has no extension".into(),
+        }
+    )]
+    Extension(PathBuf),
+    /// The folder is not there.
+    #[error("the folder '{}' does not exist; create it, or choose another place for '{}'", .0.display(), .1.display())]
+    NoFolder(PathBuf, PathBuf),
+    /// What should be the folder is something else.
+    #[error("'{}' is not a folder, so '{}' cannot be written into it", .0.display(), .1.display())]
+    NotAFolder(PathBuf, PathBuf),
+    /// Files cannot be made in the folder.
+    #[error("cannot write into the folder '{}': {}", .0.display(), .1)]
+    Folder(PathBuf, io::Error),
+    /// The name belongs to a folder, device or FIFO.
+    #[error("'{}' exists and is {}, not a file; choose another name", .0.display(), .1)]
+    NotAFile(PathBuf, &'static str),
+    /// The system refused while the picture was being written.
+    #[error("cannot write '{}': {}", .0.display(), .1)]
+    Write(PathBuf, io::Error),
+}
+
+/// A picture file to come.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Output {
+    path: PathBuf,
+    /// Where `path` leads, should it be a symbolic link.
+    target: PathBuf,
+    kind: Kind,
+    depth: Depth,
+    transfer: Transfer,
+}
+
+impl Output {
+    /// Makes sure that a picture can be written to `path`: its kind is known, its folder
+    /// is there and takes new files. Nothing is left behind.
+    ///
+    /// # Errors
+    /// When one of these fails.
+    pub fn plan(path: &Path, depth: Depth, transfer: Transfer) -> Result<Self, OutputError> {
+        let kind = Kind::of(path).ok_or_else(|| OutputError::Extension(path.into()))?;
+        let target =
+            if path.is_symlink() { std::fs::canonicalize(path).unwrap_or_else(|_| path.into()) } else { path.into() };
+        let folder = match target.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p.to_path_buf(),
+            _ => PathBuf::from("."),
+        };
+        match std::fs::metadata(&folder) {
+            Ok(m) if m.is_dir() => {}
+            Ok(_) => return Err(OutputError::NotAFolder(folder, path.into())),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(OutputError::NoFolder(folder, path.into())),
+            Err(e) if e.kind() == io::ErrorKind::NotADirectory => {
+                return Err(OutputError::NotAFolder(folder, path.into()));
+            }
+            Err(e) => return Err(OutputError::Folder(folder, e)),
+        }
+        match std::fs::metadata(&target) {
+            Ok(m) if m.is_dir() => return Err(OutputError::NotAFile(path.into(), "a folder")),
+            Ok(m) if !m.is_file() => return Err(OutputError::NotAFile(path.into(), "a device, FIFO or socket")),
+            _ => {}
+        }
+        // The one sure way to know that files can be made is to make one.
+        drop(Temporary::beside(&target).map_err(|e| OutputError::Folder(folder, e))?);
+        Ok(Self { path: path.into(), target, kind, depth, transfer })
+    }
+
+    /// The name as it was given.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The kind of file.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// Bits of a code, where the file holds codes.
+    #[must_use]
+    pub fn depth(&self) -> Option<Depth> {
+        (!self.kind.is_float()).then_some(self.depth)
+    }
+
+    /// The output of what could be rendered before an interruption: NAME.partial.EXT, in the same folder.
+    #[must_use]
+    pub fn partial(&self) -> Self {
+        let rename = |p: &Path| {
+            let mut name = p.file_stem().unwrap_or_default().to_os_string();
+            name.push(format!(".partial.{}", p.extension().unwrap_or_default().to_string_lossy()));
+            p.with_file_name(name)
+        };
+        Self { path: rename(&self.path), target: rename(&self.target), ..self.clone() }
+    }
+
+    /// Writes a picture of `width` × `height`: under a temporary name first, so that
+    /// nothing unfinished ever bears the final one. Codes are taken as encoded by this
+    /// output's transfer; floats are encoded where the file holds codes.
+    ///
+    /// # Errors
+    /// When the system refuses, or the pixels are codes and the file holds floats or
+    /// codes of another depth, or they are not `width` × `height`.
+    pub fn write(&self, width: u32, height: u32, pixels: PixelsRef<'_>) -> Result<(), OutputError> {
+        let failed = |e| OutputError::Write(self.path.clone(), e);
+        let mut temporary = Temporary::beside(&self.target).map_err(failed)?;
+        let mut to = BufWriter::with_capacity(1 << 18, temporary.file());
+        self.encode(width, height, pixels, &mut to).and_then(|()| to.flush()).map_err(failed)?;
+        drop(to);
+        temporary.keep(&self.target).map_err(failed)
+    }
+
+    fn encode(&self, width: u32, height: u32, pixels: PixelsRef<'_>, to: &mut impl Write) -> io::Result<()> {
+        if pixels.len() as u64 != u64::from(width) * u64::from(height) || pixels.is_empty() {
+            return Err(io::Error::other(format!("{} pixels are no picture of {width}x{height}", pixels.len())));
+        }
+        match (self.kind, self.depth, pixels) {
+            (Kind::Pfm, _, PixelsRef::F32(p)) => netpbm::write_pfm(to, width, height, p),
+            (Kind::Exr, _, PixelsRef::F32(p)) => exr::write(to, width, height, p),
+            (Kind::Png | Kind::Ppm, Depth::Eight, PixelsRef::F32(p)) => {
+                let codes = encode::to_bytes(self.transfer, p);
+                self.encode(width, height, PixelsRef::Rgb8(&codes), to)
+            }
+            (Kind::Png | Kind::Ppm, Depth::Sixteen, PixelsRef::F32(p)) => {
+                let codes = encode::to_words(self.transfer, p);
+                self.encode(width, height, PixelsRef::Rgb16(&codes), to)
+            }
+            (Kind::Png, Depth::Eight, PixelsRef::Rgb8(p)) => {
+                png::write(to, width, height, Depth::Eight, p.as_flattened(), self.transfer)
+            }
+            (Kind::Ppm, Depth::Eight, PixelsRef::Rgb8(p)) => {
+                netpbm::write_ppm(to, width, height, Depth::Eight, p.as_flattened())
+            }
+            (kind, Depth::Sixteen, PixelsRef::Rgb16(p)) if !kind.is_float() => {
+                let bytes: Vec<u8> = p.as_flattened().iter().flat_map(|w| w.to_be_bytes()).collect();
+                if kind == Kind::Png {
+                    png::write(to, width, height, Depth::Sixteen, &bytes, self.transfer)
+                } else {
+                    netpbm::write_ppm(to, width, height, Depth::Sixteen, &bytes)
+                }
+            }
+            _ => Err(io::Error::other("the pixels are not of the depth that the file holds")),
+        }
+    }
+}

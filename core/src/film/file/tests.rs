@@ -1,0 +1,196 @@
+use std::path::PathBuf;
+
+use super::*;
+use crate::film::image::PixelsRef;
+use crate::film::{encode, transfer};
+use crate::settings::Transfer;
+
+/// Something of everything: ramps, flat parts, values out of range.
+fn pixels(width: u32, height: u32) -> Vec<[f32; 3]> {
+    (0..width * height)
+        .map(|i| {
+            let (x, y) = ((i % width) as f32 / width as f32, (i / width) as f32 / height as f32);
+            if x < 0.3 { [0.25, 0.5, 1.0] } else { [x * y, 1.5 * x - 0.2, (x * 37.0).fract() * y] }
+        })
+        .collect()
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn codes_return_from_their_files() {
+    let folder = folder();
+    let linear = pixels(61, 17);
+    for (name, transfer) in [("a.png", Transfer::Srgb), ("b.png", Transfer::Linear), ("c.ppm", Transfer::Srgb)] {
+        for depth in [Depth::Eight, Depth::Sixteen] {
+            let path = folder.path().join(name);
+            Output::plan(&path, depth, transfer).unwrap().write(61, 17, PixelsRef::F32(&linear)).unwrap();
+            let stored = read(&path).unwrap();
+            assert_eq!(stored.transfer, Some(transfer), "{name}");
+            assert_eq!((stored.image.width(), stored.image.height()), (61, 17));
+            let max = if depth == Depth::Eight { 255.0 } else { 65535.0 };
+            let codes: Vec<[u16; 3]> = if depth == Depth::Eight {
+                encode::to_bytes(transfer, &linear).iter().map(|p| p.map(u16::from)).collect()
+            } else {
+                encode::to_words(transfer, &linear)
+            };
+            let back: Vec<[u16; 3]> =
+                stored.image.pixels().iter().map(|p| p.map(|x| (x * max).round() as u16)).collect();
+            assert_eq!(back, codes, "{name} {depth:?}");
+        }
+    }
+}
+
+#[test]
+fn floats_return_bit_for_bit() {
+    let folder = folder();
+    let mut linear = pixels(33, 9);
+    linear[5] = [1e-30, -7.0, 65504.5];
+    for name in ["a.pfm", "a.exr", "B.EXR"] {
+        let path = folder.path().join(name);
+        Output::plan(&path, Depth::Eight, Transfer::Srgb).unwrap().write(33, 9, PixelsRef::F32(&linear)).unwrap();
+        let stored = read(&path).unwrap();
+        assert_eq!((stored.transfer, stored.image.pixels() == linear), (None, true), "{name}");
+    }
+}
+
+#[test]
+fn a_float_map_runs_from_the_bottom() {
+    let folder = folder();
+    let path = folder.path().join("a.pfm");
+    let output = Output::plan(&path, Depth::Eight, Transfer::Srgb).unwrap();
+    output.write(1, 2, PixelsRef::F32(&[[1.0; 3], [2.0; 3]])).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let mut expected = b"PF\n1 2\n-1.0\n".to_vec();
+    expected.extend([2.0_f32, 2.0, 2.0, 1.0, 1.0, 1.0].iter().flat_map(|x| x.to_le_bytes()));
+    assert_eq!(bytes, expected);
+    std::fs::write(&path, b"Pf 1 2 1.0\n\x40\x00\x00\x00\x3f\x80\x00\x00").unwrap();
+    assert_eq!(read(&path).unwrap().image.pixels(), [[1.0; 3], [2.0; 3]]);
+}
+
+#[test]
+fn a_bad_place_is_known_before_anything_is_written() {
+    let folder = folder();
+    let why = |name: &str| {
+        let path = folder.path().join(name);
+        Output::plan(&path, Depth::Eight, Transfer::Srgb).unwrap_err().to_string()
+    };
+    std::fs::create_dir(folder.path().join("sub.png")).unwrap();
+    std::fs::write(folder.path().join("file"), "").unwrap();
+    assert!(why("a.jpg").contains("ends in .jpg, which is no kind of picture"), "{}", why("a.jpg"));
+    assert!(why("a").contains("has no extension"));
+    assert!(why("none/a.png").contains("does not exist"));
+    assert!(why("file/a.png").contains("not a folder"));
+    assert!(why("sub.png").contains("exists and is a folder"));
+    assert_eq!(names(folder.path()), ["file", "sub.png"]);
+}
+
+#[test]
+fn what_fails_leaves_the_old_picture_and_nothing_else() {
+    let folder = folder();
+    let path = folder.path().join("a.png");
+    std::fs::write(&path, "old").unwrap();
+    let output = Output::plan(&path, Depth::Eight, Transfer::Srgb).unwrap();
+    assert!(output.write(2, 2, PixelsRef::F32(&[[0.0; 3]; 3])).is_err());
+    assert!(output.write(2, 2, PixelsRef::Rgb16(&[[0; 3]; 4])).is_err());
+    assert_eq!(std::fs::read(&path).unwrap(), b"old");
+    assert_eq!(names(folder.path()), ["a.png"]);
+    output.write(1, 1, PixelsRef::Rgb8(&[[1, 2, 3]])).unwrap();
+    assert_eq!(names(folder.path()), ["a.png"]);
+    assert_eq!(output.partial().path(), folder.path().join("a.partial.png"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_stays_a_link() {
+    let folder = folder();
+    std::fs::create_dir(folder.path().join("there")).unwrap();
+    std::fs::write(folder.path().join("there/real.png"), "old").unwrap();
+    let link = folder.path().join("link.png");
+    std::os::unix::fs::symlink("there/real.png", &link).unwrap();
+    Output::plan(&link, Depth::Eight, Transfer::Srgb).unwrap().write(1, 1, PixelsRef::Rgb8(&[[1, 2, 3]])).unwrap();
+    assert!(link.is_symlink());
+    assert_eq!(read(&folder.path().join("there/real.png")).unwrap().image.width(), 1);
+}
+
+#[test]
+fn broken_files_say_why() {
+    let folder = folder();
+    let why = |name: &str, bytes: &[u8]| {
+        let path: PathBuf = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        read(&path).unwrap_err().to_string()
+    };
+    assert!(why("a.gif", b"").contains("extension"));
+    assert!(why("a.pfm", b"PF\n3 3\n-1.0\nabc").contains("truncated"));
+    assert!(why("a.pfm", b"PF\n99999 99999\n-1.0\n").contains("above the limit"));
+    assert!(why("a.pfm", b"PF\n0 3\n-1.0\n").contains("empty"));
+    assert!(why("a.pfm", b"PF\n1 1\n0\n").contains("scale"));
+    assert!(why("a.pfm", b"P6\n1 1\n0\n").contains("begins with 'P6'"));
+    assert!(!why("a.png", b"nothing like it").is_empty());
+    assert!(!why("a.exr", b"nothing like it").is_empty());
+    let path = folder.path().join("whole.exr");
+    for (name, kind) in [("whole.exr", "exr"), ("whole.png", "png")] {
+        let path = folder.path().join(name);
+        let output = Output::plan(&path, Depth::Eight, Transfer::Srgb).unwrap();
+        output.write(9, 9, PixelsRef::F32(&pixels(9, 9))).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        for cut in [bytes.len() - 20, bytes.len() / 2, 10] {
+            assert!(!why(&format!("cut.{kind}"), &bytes[..cut]).is_empty());
+        }
+    }
+    assert!(read(&path.with_file_name("none.png")).unwrap_err().to_string().contains("cannot be read"));
+    assert!(read(folder.path()).is_err());
+}
+
+#[test]
+fn numbers_change_their_meaning_when_asked() {
+    let image = crate::film::Image::new(1, 1, vec![[0.5, 2.0, 0.0]]).unwrap();
+    let stored = Stored { image, transfer: None };
+    assert_eq!(stored.clone().in_transfer(Transfer::Linear).pixels(), [[0.5, 2.0, 0.0]]);
+    let half = transfer::from_linear(Transfer::Srgb, 0.5) as f32;
+    assert_eq!(stored.in_transfer(Transfer::Srgb).pixels(), [[half, 1.0, 0.0]]);
+}
+
+#[test]
+#[ignore = "prints times"]
+fn times() {
+    let folder = folder();
+    let linear = pixels(1280, 960);
+    for (name, depth) in [
+        ("a.png", Depth::Eight),
+        ("b.png", Depth::Sixteen),
+        ("a.ppm", Depth::Eight),
+        ("a.pfm", Depth::Eight),
+        ("a.exr", Depth::Eight),
+    ] {
+        for _ in 0..3 {
+            let path = folder.path().join(name);
+            let output = Output::plan(&path, depth, Transfer::Srgb).unwrap();
+            let (bytes, words);
+            let p = match (output.kind().is_float(), depth) {
+                (true, _) => PixelsRef::F32(&linear),
+                (_, Depth::Eight) => {
+                    bytes = encode::to_bytes(Transfer::Srgb, &linear);
+                    PixelsRef::Rgb8(&bytes)
+                }
+                _ => {
+                    words = encode::to_words(Transfer::Srgb, &linear);
+                    PixelsRef::Rgb16(&words)
+                }
+            };
+            let now = std::time::Instant::now();
+            output.write(1280, 960, p).unwrap();
+            println!("{name} {depth:?}: {:?}, {} bytes", now.elapsed(), std::fs::metadata(&path).unwrap().len());
+        }
+    }
+}

@@ -1,0 +1,498 @@
+//! Wire messages into core types and back. Whatever comes from a peer passes here.
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use tessera_core::film::Region;
+use tessera_core::settings::{Sampling, Settings, SettingsError, Transfer, View};
+use tessera_core::trace::RayCounts;
+
+use crate::ids::{Attempt, InstanceId, LeaseId, Pass, SceneHash};
+use crate::limits::{
+    BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
+};
+use crate::pixels::{PixelFormat, Pixels};
+use crate::wire;
+
+/// Why a peer's message is not taken.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Malformed {
+    /// A part that must be there is not.
+    #[error("{0} is missing")]
+    Missing(&'static str),
+    /// A value outside what the specification allows.
+    #[error("{0} is out of range")]
+    Range(&'static str),
+    /// Settings that no picture can have.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// More or fewer bytes than the region's pixels take.
+    #[error("{got} bytes of pixels where {wanted} belong")]
+    PixelBytes {
+        /// Bytes that came.
+        got: usize,
+        /// Bytes of the region in the job's format.
+        wanted: usize,
+    },
+    /// A pixel that is not a number.
+    #[error("a pixel is not finite")]
+    NotFinite,
+}
+
+/// Why two programs cannot work on one picture.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Mismatch {
+    /// Another protocol.
+    #[error("the worker speaks protocol {0}, the coordinator {PROTOCOL}: use the same release of both")]
+    Protocol(u32),
+    /// Another version of the program.
+    #[error("the worker is of build {0:?}, the coordinator of {BUILD:?}: use the same release of both")]
+    Build(String),
+    /// Other arithmetic.
+    #[error("the worker computes in mode {0:?}, the coordinator in {NUMERIC_MODE:?}: pixels would differ")]
+    NumericMode(String),
+}
+
+/// A worker's first words.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Registration {
+    /// For people; printable, not empty.
+    pub name: String,
+    /// 1 to [`MAX_THREADS`].
+    pub threads: u32,
+    /// Which worker this is.
+    pub instance: InstanceId,
+    /// The secret of workers in the coordinator's own process.
+    pub local: Option<[u8; 16]>,
+}
+
+impl From<Registration> for wire::Register {
+    fn from(r: Registration) -> Self {
+        Self {
+            protocol: PROTOCOL,
+            build: BUILD.into(),
+            numeric_mode: NUMERIC_MODE.into(),
+            threads: r.threads,
+            name: cut(&r.name, MAX_NAME_BYTES).into(),
+            instance: r.instance.0,
+            local: r.local.map_or_else(Vec::new, Vec::from),
+        }
+    }
+}
+
+/// Whether a worker fits this program.
+///
+/// # Errors
+/// The first mismatch.
+pub fn check_match(r: &wire::Register) -> Result<(), Mismatch> {
+    if r.protocol != PROTOCOL {
+        return Err(Mismatch::Protocol(r.protocol));
+    }
+    if r.build != BUILD {
+        return Err(Mismatch::Build(cut(&r.build, MAX_NAME_BYTES).into()));
+    }
+    if r.numeric_mode != NUMERIC_MODE {
+        return Err(Mismatch::NumericMode(cut(&r.numeric_mode, MAX_NAME_BYTES).into()));
+    }
+    Ok(())
+}
+
+impl TryFrom<wire::Register> for Registration {
+    type Error = Malformed;
+
+    fn try_from(r: wire::Register) -> Result<Self, Malformed> {
+        if !(1..=MAX_THREADS).contains(&r.threads) {
+            return Err(Malformed::Range("the number of threads"));
+        }
+        if r.name.len() > MAX_NAME_BYTES {
+            return Err(Malformed::Range("the length of the name"));
+        }
+        let name = printable(&r.name);
+        Ok(Self {
+            name: if name.is_empty() { "worker".into() } else { name },
+            threads: r.threads,
+            instance: InstanceId(r.instance),
+            local: if r.local.is_empty() {
+                None
+            } else {
+                Some(r.local.try_into().map_err(|_| Malformed::Range("the local secret"))?)
+            },
+        })
+    }
+}
+
+/// `text` without what could disturb a terminal.
+#[must_use]
+pub fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect::<String>().trim().into()
+}
+
+/// A peer's cause of failure, fit to be shown.
+#[must_use]
+pub fn cause(text: &str) -> String {
+    printable(cut(text, MAX_CAUSE_BYTES))
+}
+
+/// What a session renders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Job {
+    /// The scene's hash and length, or `None` where the worker was given the scene.
+    pub scene: Option<(SceneHash, u64)>,
+    /// How it is seen.
+    pub settings: Settings,
+    /// What pixels the output needs.
+    pub pixels: PixelFormat,
+}
+
+impl From<Job> for wire::Job {
+    fn from(job: Job) -> Self {
+        let (hash, scene_bytes) = job.scene.map_or((Vec::new(), 0), |(hash, n)| (hash.0.to_vec(), n));
+        Self {
+            scene_sha256: hash,
+            scene_bytes,
+            settings: Some(job.settings.into()),
+            pixels: wire::PixelFormat::from(job.pixels).into(),
+        }
+    }
+}
+
+impl TryFrom<wire::Job> for Job {
+    type Error = Malformed;
+
+    fn try_from(job: wire::Job) -> Result<Self, Malformed> {
+        let pixels = job.pixels().try_into()?;
+        let scene = if job.scene_sha256.is_empty() {
+            None
+        } else {
+            let hash = job.scene_sha256.try_into().map_err(|_| Malformed::Range("the scene's hash"))?;
+            if job.scene_bytes > MAX_SCENE_BYTES {
+                return Err(Malformed::Range("the scene's length"));
+            }
+            Some((SceneHash(hash), job.scene_bytes))
+        };
+        let settings = job.settings.ok_or(Malformed::Missing("settings"))?.try_into()?;
+        Ok(Self { scene, settings, pixels })
+    }
+}
+
+impl From<Settings> for wire::Settings {
+    fn from(s: Settings) -> Self {
+        let Sampling::Uniform { grid } = s.sampling;
+        Self {
+            width: s.view.width(),
+            height: s.view.height(),
+            zoom: s.view.zoom(),
+            plane_height: s.view.plane_height(),
+            max_depth: s.max_depth,
+            sample_grid: grid,
+            transfer: match s.transfer {
+                Transfer::Srgb => wire::Transfer::Srgb,
+                Transfer::Linear => wire::Transfer::Linear,
+            }
+            .into(),
+        }
+    }
+}
+
+impl TryFrom<wire::Settings> for Settings {
+    type Error = Malformed;
+
+    fn try_from(s: wire::Settings) -> Result<Self, Malformed> {
+        let transfer = match s.transfer() {
+            wire::Transfer::Srgb => Transfer::Srgb,
+            wire::Transfer::Linear => Transfer::Linear,
+            wire::Transfer::Unspecified => return Err(Malformed::Range("transfer")),
+        };
+        if s.max_depth == 0 {
+            return Err(SettingsError::MaxDepth.into());
+        }
+        if !(1..=Sampling::MAX_GRID).contains(&s.sample_grid) {
+            return Err(Malformed::Range("the sample grid"));
+        }
+        Ok(Self {
+            view: View::new(s.width, s.height, s.zoom, s.plane_height)?,
+            max_depth: s.max_depth,
+            sampling: Sampling::Uniform { grid: s.sample_grid },
+            transfer,
+        })
+    }
+}
+
+impl From<PixelFormat> for wire::PixelFormat {
+    fn from(f: PixelFormat) -> Self {
+        match f {
+            PixelFormat::Rgb8 => Self::Rgb8,
+            PixelFormat::Rgb16 => Self::Rgb16,
+            PixelFormat::F32 => Self::F32,
+        }
+    }
+}
+
+impl TryFrom<wire::PixelFormat> for PixelFormat {
+    type Error = Malformed;
+
+    fn try_from(f: wire::PixelFormat) -> Result<Self, Malformed> {
+        Ok(match f {
+            wire::PixelFormat::Rgb8 => Self::Rgb8,
+            wire::PixelFormat::Rgb16 => Self::Rgb16,
+            wire::PixelFormat::F32 => Self::F32,
+            wire::PixelFormat::Unspecified => return Err(Malformed::Range("the pixel format")),
+        })
+    }
+}
+
+impl From<Region> for wire::Region {
+    fn from(r: Region) -> Self {
+        Self { x0: r.x0, y0: r.y0, x1: r.x1, y1: r.y1 }
+    }
+}
+
+impl TryFrom<wire::Region> for Region {
+    type Error = Malformed;
+
+    fn try_from(r: wire::Region) -> Result<Self, Malformed> {
+        Self::new(r.x0, r.y0, r.x1, r.y1).filter(|r| r.area() <= MAX_TILE_PIXELS).ok_or(Malformed::Range("a region"))
+    }
+}
+
+/// The right to render a region once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lease {
+    /// Which lease.
+    pub id: LeaseId,
+    /// Which attempt at the region.
+    pub attempt: Attempt,
+    /// The pixels.
+    pub region: Region,
+    /// Which pass over them.
+    pub pass: Pass,
+}
+
+impl From<Lease> for wire::Lease {
+    fn from(l: Lease) -> Self {
+        Self { lease: l.id.0, attempt: l.attempt.0, region: Some(l.region.into()), pass: l.pass.0 }
+    }
+}
+
+impl TryFrom<wire::Lease> for Lease {
+    type Error = Malformed;
+
+    fn try_from(l: wire::Lease) -> Result<Self, Malformed> {
+        Ok(Self {
+            id: LeaseId(l.lease),
+            attempt: Attempt(l.attempt),
+            region: l.region.ok_or(Malformed::Missing("a region"))?.try_into()?,
+            pass: Pass(l.pass),
+        })
+    }
+}
+
+impl From<RayCounts> for wire::RayCounts {
+    fn from(r: RayCounts) -> Self {
+        Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined }
+    }
+}
+
+/// Rays that one message may claim: far above what a tile can take, far below what overflows sums.
+const MAX_RAYS: u64 = 1 << 48;
+
+impl TryFrom<wire::RayCounts> for RayCounts {
+    type Error = Malformed;
+
+    fn try_from(r: wire::RayCounts) -> Result<Self, Malformed> {
+        if [r.camera, r.mirror, r.shadow, r.refined].iter().any(|&n| n > MAX_RAYS) {
+            return Err(Malformed::Range("a number of rays"));
+        }
+        Ok(Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined })
+    }
+}
+
+/// A worker's delivery, whose pixels are not yet held against its lease.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TileDone {
+    /// The lease it answers.
+    pub lease: LeaseId,
+    /// The attempt it repeats.
+    pub attempt: Attempt,
+    /// As they came; [`pixels_of`] reads them.
+    pub pixels: Bytes,
+    /// Rays of it.
+    pub rays: RayCounts,
+    /// Time spent on it.
+    pub busy: Duration,
+    /// Time spent waiting for it.
+    pub idle: Duration,
+}
+
+/// Longest time that one message may claim.
+const MAX_MICROS: u64 = 1 << 42;
+
+impl TryFrom<wire::TileDone> for TileDone {
+    type Error = Malformed;
+
+    fn try_from(t: wire::TileDone) -> Result<Self, Malformed> {
+        if t.busy_us > MAX_MICROS || t.idle_us > MAX_MICROS {
+            return Err(Malformed::Range("a duration"));
+        }
+        Ok(Self {
+            lease: LeaseId(t.lease),
+            attempt: Attempt(t.attempt),
+            pixels: t.pixels,
+            rays: t.rays.ok_or(Malformed::Missing("the rays"))?.try_into()?,
+            busy: Duration::from_micros(t.busy_us),
+            idle: Duration::from_micros(t.idle_us),
+        })
+    }
+}
+
+impl From<TileDone> for wire::TileDone {
+    fn from(t: TileDone) -> Self {
+        let micros = |d: Duration| u64::try_from(d.as_micros()).unwrap_or(MAX_MICROS).min(MAX_MICROS);
+        Self {
+            lease: t.lease.0,
+            attempt: t.attempt.0,
+            pixels: t.pixels,
+            rays: Some(t.rays.into()),
+            busy_us: micros(t.busy),
+            idle_us: micros(t.idle),
+        }
+    }
+}
+
+/// Pixels as bytes of their format.
+#[must_use]
+pub fn pixel_bytes(pixels: &Pixels) -> Bytes {
+    match pixels {
+        Pixels::Rgb8(p) => Bytes::copy_from_slice(p.as_flattened()),
+        Pixels::Rgb16(p) => p.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>().into(),
+        Pixels::F32(p) => p.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>().into(),
+    }
+}
+
+/// The pixels of `region` from bytes of `format`.
+///
+/// # Errors
+/// When there are too many or too few, or a float is not finite.
+pub fn pixels_of(bytes: &[u8], format: PixelFormat, region: &Region) -> Result<Pixels, Malformed> {
+    let wanted = region.area() as usize * format.bytes_per_pixel();
+    if bytes.len() != wanted {
+        return Err(Malformed::PixelBytes { got: bytes.len(), wanted });
+    }
+    Ok(match format {
+        PixelFormat::Rgb8 => Pixels::Rgb8(bytes.as_chunks::<3>().0.to_vec()),
+        PixelFormat::Rgb16 => Pixels::Rgb16(
+            bytes
+                .as_chunks::<6>()
+                .0
+                .iter()
+                .map(|&[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]].map(u16::from_le_bytes))
+                .collect(),
+        ),
+        PixelFormat::F32 => {
+            let component = |c: &[u8; 4]| f32::from_le_bytes(*c);
+            let pixels: Vec<[f32; 3]> = bytes
+                .as_chunks::<12>()
+                .0
+                .iter()
+                .map(|p| {
+                    let (c, _) = p.as_chunks::<4>();
+                    std::array::from_fn(|i| component(&c[i]))
+                })
+                .collect();
+            if !pixels.as_flattened().iter().all(|c| c.is_finite()) {
+                return Err(Malformed::NotFinite);
+            }
+            Pixels::F32(pixels)
+        }
+    })
+}
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    fn settings() -> Settings {
+        Settings {
+            view: View::new(640, 480, 1.5, 0.75).unwrap(),
+            max_depth: 7,
+            sampling: Sampling::Uniform { grid: 3 },
+            transfer: Transfer::Linear,
+        }
+    }
+
+    #[test]
+    fn a_job_survives_the_wire() {
+        for scene in [None, Some((SceneHash([7; 32]), 1234))] {
+            let job = Job { scene, settings: settings(), pixels: PixelFormat::Rgb16 };
+            assert_eq!(Job::try_from(wire::Job::from(job.clone())).unwrap(), job);
+        }
+    }
+
+    #[test]
+    fn settings_of_a_peer_are_checked() {
+        let good = wire::Settings::from(settings());
+        for bad in [
+            wire::Settings { width: 0, ..good },
+            wire::Settings { height: u32::MAX, ..good },
+            wire::Settings { zoom: f64::NAN, ..good },
+            wire::Settings { plane_height: -1.0, ..good },
+            wire::Settings { max_depth: 0, ..good },
+            wire::Settings { sample_grid: 0, ..good },
+            wire::Settings { sample_grid: 1 << 20, ..good },
+            wire::Settings { transfer: 9, ..good },
+        ] {
+            assert!(Settings::try_from(bad).is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn regions_of_a_peer_are_checked() {
+        let region = |x0, y0, x1, y1| Region::try_from(wire::Region { x0, y0, x1, y1 });
+        assert!(region(0, 0, 256, 256).is_ok());
+        assert!(region(0, 0, 257, 256).is_err());
+        assert!(region(5, 0, 5, 1).is_err());
+        assert!(region(0, 0, u32::MAX, u32::MAX).is_err());
+    }
+
+    #[test]
+    fn pixels_survive_the_wire_in_every_format() {
+        let region = Region::new(3, 4, 5, 5).unwrap();
+        for pixels in [
+            Pixels::Rgb8(vec![[1, 2, 3], [4, 5, 255]]),
+            Pixels::Rgb16(vec![[1, 2, 300], [4, 5, u16::MAX]]),
+            Pixels::F32(vec![[0.0, -0.0, 1e-40], [1.5, 1e30, 0.1]]),
+        ] {
+            let bytes = pixel_bytes(&pixels);
+            assert_eq!(pixels_of(&bytes, pixels.format(), &region).unwrap(), pixels);
+            let wanted = bytes.len();
+            for got in [0, wanted - 1] {
+                let e = pixels_of(&bytes[..got], pixels.format(), &region).unwrap_err();
+                assert_eq!(e, Malformed::PixelBytes { got, wanted });
+            }
+        }
+        let nan = pixel_bytes(&Pixels::F32(vec![[0.0; 3], [0.0, f32::NAN, 0.0]]));
+        assert_eq!(pixels_of(&nan, PixelFormat::F32, &region), Err(Malformed::NotFinite));
+    }
+
+    #[test]
+    fn a_registration_is_checked_and_made_presentable() {
+        let good = wire::Register::from(Registration {
+            name: "w1".into(),
+            threads: 2,
+            instance: InstanceId(5),
+            local: Some([1; 16]),
+        });
+        assert_eq!(check_match(&good), Ok(()));
+        let old = wire::Register { protocol: 0, ..good.clone() };
+        assert_eq!(check_match(&old), Err(Mismatch::Protocol(0)));
+        assert!(check_match(&wire::Register { build: "0".into(), ..good.clone() }).is_err());
+        assert!(check_match(&wire::Register { numeric_mode: "f32".into(), ..good.clone() }).is_err());
+        assert!(Registration::try_from(wire::Register { threads: 0, ..good.clone() }).is_err());
+        assert!(Registration::try_from(wire::Register { threads: 1 << 20, ..good.clone() }).is_err());
+        assert!(Registration::try_from(wire::Register { local: vec![1], ..good.clone() }).is_err());
+        assert!(Registration::try_from(wire::Register { name: "x".repeat(65), ..good.clone() }).is_err());
+        let odd = Registration::try_from(wire::Register { name: "a\u{1b}[2Jb\n".into(), ..good }).unwrap();
+        assert!(!odd.name.chars().any(char::is_control));
+    }
+}

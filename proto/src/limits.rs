@@ -1,0 +1,55 @@
+//! What `farm.proto` promises in numbers.
+
+use std::time::Duration;
+
+/// Version of `farm.proto`.
+pub const PROTOCOL: u32 = 1;
+
+/// The program's version, equal on both sides.
+pub const BUILD: &str = env!("CARGO_PKG_VERSION");
+
+/// How numbers become pixels: changes with anything that can change a pixel's bits.
+pub const NUMERIC_MODE: &str = "f64-nearest-denormals-1";
+
+/// Where workers are awaited unless a port is given.
+pub const DEFAULT_PORT: u16 = 4747;
+
+/// No message is longer, in either direction.
+pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
+
+/// Pixels of a lease at most: 768 KiB as floats.
+pub const MAX_TILE_PIXELS: u64 = 1 << 16;
+
+/// Length of a piece of a scene.
+pub const SCENE_PIECE_BYTES: usize = 256 << 10;
+
+/// A scene's binary form is never longer.
+pub const MAX_SCENE_BYTES: u64 = 64 << 30;
+
+/// Threads of one worker at most.
+pub const MAX_THREADS: u32 = 4096;
+
+/// A worker's name is cut to this.
+pub const MAX_NAME_BYTES: usize = 64;
+
+/// A cause is cut to this.
+pub const MAX_CAUSE_BYTES: usize = 1024;
+
+/// How soon after connecting a worker registers, and is answered.
+pub const REGISTER_WITHIN: Duration = Duration::from_secs(5);
+
+/// HTTP/2 pings go out this often, also while idle.
+pub const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(2);
+
+/// An HTTP/2 ping unanswered for this long ends the connection.
+pub const KEEPALIVE_TIMEOUT: Duration = Duration::from_secs(4);
+
+/// `text`, cut to `bytes` bytes at a character's edge.
+#[must_use]
+pub fn cut(text: &str, bytes: usize) -> &str {
+    let mut end = text.len().min(bytes);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    &text[..end]
+}

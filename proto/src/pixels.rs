@@ -1,0 +1,73 @@
+//! Pixels as they travel: in the form the output needs, and no wider.
+
+/// What a pixel's three components are sent as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum PixelFormat {
+    /// 8 bits each, clamped and transfer-encoded: for 8-bit files.
+    Rgb8,
+    /// 16 bits each, clamped and transfer-encoded: for 16-bit files.
+    Rgb16,
+    /// Linear 32-bit floats, unclamped: for floating-point files and hashes.
+    F32,
+}
+
+impl PixelFormat {
+    /// Bytes of one pixel on the wire.
+    #[must_use]
+    pub fn bytes_per_pixel(self) -> usize {
+        match self {
+            Self::Rgb8 => 3,
+            Self::Rgb16 => 6,
+            Self::F32 => 12,
+        }
+    }
+}
+
+/// Pixels of one format, red, green, blue; row by row from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Pixels {
+    /// See [`PixelFormat::Rgb8`].
+    Rgb8(Vec<[u8; 3]>),
+    /// See [`PixelFormat::Rgb16`].
+    Rgb16(Vec<[u16; 3]>),
+    /// See [`PixelFormat::F32`].
+    F32(Vec<[f32; 3]>),
+}
+
+impl Pixels {
+    /// `count` black pixels.
+    #[must_use]
+    pub fn black(format: PixelFormat, count: usize) -> Self {
+        match format {
+            PixelFormat::Rgb8 => Self::Rgb8(vec![[0; 3]; count]),
+            PixelFormat::Rgb16 => Self::Rgb16(vec![[0; 3]; count]),
+            PixelFormat::F32 => Self::F32(vec![[0.0; 3]; count]),
+        }
+    }
+
+    /// Their format.
+    #[must_use]
+    pub fn format(&self) -> PixelFormat {
+        match self {
+            Self::Rgb8(_) => PixelFormat::Rgb8,
+            Self::Rgb16(_) => PixelFormat::Rgb16,
+            Self::F32(_) => PixelFormat::F32,
+        }
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Rgb8(p) => p.len(),
+            Self::Rgb16(p) => p.len(),
+            Self::F32(p) => p.len(),
+        }
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
