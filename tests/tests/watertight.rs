@@ -98,9 +98,9 @@ fn case_19_every_crossing_is_counted_once() {
     for _ in 0..3000 {
         let o = random.cube() * 0.5;
         let d = aim(&mesh, &edges, random) - o;
-        let met: Vec<(u32, exact::Distance)> = (0..mesh.faces.len() as u32)
-            .filter_map(|k| exact::distance(subject.scene(), k, o, d).map(|t| (k, t)))
-            .collect();
+        let triangles = subject.scene().triangles();
+        let met: Vec<(u32, exact::Distance)> =
+            triangles.iter().filter_map(|t| exact::to_triangle(t, o, d).map(|at| (t.order, at))).collect();
         let hit = subject.hit(o, d).expect("the mesh is closed");
         // From inside a convex mesh every triangle met is met at one place.
         assert_eq!(met.first().map(|m| m.0), Some(hit.order), "{o:?} {d:?}: {met:?}");
@@ -119,12 +119,13 @@ fn case_19_scanned_mesh() {
     // The scan has holes: what escapes must be what exact arithmetic lets escape.
     let (subject, edges) = (Subject::new(&document(&mesh)), mesh.edges());
     let centre = mesh.vertices.iter().sum::<DVec3>() / mesh.vertices.len() as f64;
-    let wrong: u64 = (0..400u64)
+    let wrong: u64 = (0..1000u64)
         .into_par_iter()
         .map(|run| {
             let random = &mut Random::new(run);
             let (o, target) = (centre + random.cube() * 0.02, aim(&mesh, &edges, random));
-            let all = (0..mesh.faces.len() as u32).filter_map(|k| exact::distance(subject.scene(), k, o, target - o));
+            let triangles = subject.scene().triangles().iter();
+            let all = triangles.filter_map(|t| exact::to_triangle(t, o, target - o));
             let hit = subject.hit(o, target - o);
             let right = match hit {
                 None => all.count() == 0,
