@@ -23,8 +23,6 @@ impl Child {
     const LEAF: u32 = 1 << 31;
     const KIND: u32 = 1 << 30;
     const COUNT_SHIFT: u32 = 27;
-    /// The most items a hierarchy can hold.
-    pub(crate) const MAX_ITEMS: usize = (1 << Self::COUNT_SHIFT) - 2;
 
     fn leaf(kind: u8, start: u32, count: u32) -> Self {
         debug_assert!((1..=8).contains(&count) && kind < 2);
@@ -59,8 +57,8 @@ pub(crate) struct Node<T> {
 #[derive(Debug)]
 pub(crate) struct Wide<T> {
     pub(crate) nodes: Vec<Node<T>>,
-    /// Ids of the items, in the order leaves name them.
-    pub(crate) ids: Vec<u32>,
+    /// Ids of the items of each kind, in the order leaves name them.
+    pub(crate) ids: [Vec<u32>; 2],
     /// Ends of the whole on each axis.
     pub(crate) lo: [f64; 3],
     pub(crate) hi: [f64; 3],
@@ -68,8 +66,7 @@ pub(crate) struct Wide<T> {
 
 impl<T: Coordinate> Wide<T> {
     pub(crate) fn collapse(root: Option<&Binary<T>>, items: &[Item<T>]) -> Self {
-        let mut wide =
-            Self { nodes: Vec::new(), ids: items.iter().map(|i| i.id).collect(), lo: [0.0; 3], hi: [0.0; 3] };
+        let mut wide = Self { nodes: Vec::new(), ids: [Vec::new(), Vec::new()], lo: [0.0; 3], hi: [0.0; 3] };
         if let Some(root) = root {
             wide.lo = root.bounds().lo.map(T::to_f64);
             wide.hi = root.bounds().hi.map(T::to_f64);
@@ -109,7 +106,14 @@ impl<T: Coordinate> Wide<T> {
         });
         for (slot, child) in open.into_iter().enumerate() {
             let link = match child {
-                Binary::Leaf { start, count, .. } => Child::leaf(items[*start as usize].kind, *start, *count),
+                Binary::Leaf { start, count, .. } => {
+                    let items = &items[*start as usize..][..*count as usize];
+                    let kind = items[0].kind;
+                    let ids = &mut self.ids[usize::from(kind)];
+                    let first = ids.len() as u32;
+                    ids.extend(items.iter().map(|i| i.id));
+                    Child::leaf(kind, first, *count)
+                }
                 Binary::Inner { .. } => Child(self.node(child, items)),
             };
             let Bounds { lo, hi } = *child.bounds();

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::arbiter::{Big, ExactRay, Vector};
-use crate::geometry::{Ray, U};
+use crate::geometry::{Ray, U, V3};
 use crate::scene::Camera;
 use crate::settings::View;
 
@@ -16,6 +16,9 @@ pub struct PlanePoint {
     /// Up.
     pub y: i32,
 }
+
+/// Bound on a camera ray's direction, see [`Frame::ray`].
+pub(crate) const TURN: f64 = 24.0 * U;
 
 /// The camera's frame under a view, for points on a grid of `grid` cells along a pixel's edge.
 ///
@@ -63,10 +66,14 @@ impl Frame {
     /// The ray through `p`, in local space.
     ///
     /// Each of the three orthogonal parts is within u of the real one and at most |d|; three
-    /// roundings follow: |d − d*| < 24u·|d|.
+    /// roundings follow: |d − d*| < 24u·|d|, [`TURN`].
     pub(crate) fn ray(&self, p: PlanePoint) -> Ray {
-        let d = self.forward + self.right * f64::from(p.x) + self.up * f64::from(p.y);
-        Ray::new(DVec3::ZERO, d, 0.0, 24.0 * U)
+        Ray::new(V3::splat(DVec3::ZERO), V3::splat(self.direction(p)), 0.0, TURN)
+    }
+
+    /// The direction of [`Self::ray`].
+    pub(crate) fn direction(&self, p: PlanePoint) -> DVec3 {
+        self.forward + self.right * f64::from(p.x) + self.up * f64::from(p.y)
     }
 
     /// The ray through `p`, in world space and wide arithmetic.

@@ -5,17 +5,15 @@ use glam::DVec3;
 use super::arbiter::{self, Decision, ExactHit, ExactRay};
 use super::camera::PlanePoint;
 use super::query::{Closest, Occluded, Scratch};
-use super::texture::{self, Place};
+use super::shade::{self, Place};
+use super::texture;
 use super::{RayCounts, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
-use crate::geometry::{Ray, U, norm1, plane, sphere, triangle};
+use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
 
-/// Values whose bound exceeds this, as a share of what they can be, are taken from wide arithmetic.
-const VALUE: f64 = 1.0 / (1u64 << 20) as f64;
-
 /// A hash step (the finaliser of SplitMix64).
-fn mix(hash: u64, word: u64) -> u64 {
+pub(crate) fn mix(hash: u64, word: u64) -> u64 {
     let x = (hash ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -25,7 +23,7 @@ fn mix(hash: u64, word: u64) -> u64 {
 /// Memory of a thread that traces paths.
 #[derive(Debug, Default)]
 pub(crate) struct PathScratch {
-    query: Scratch,
+    pub(crate) query: Scratch,
     trail: Vec<Decision>,
     cosines: Vec<f64>,
 }
@@ -90,39 +88,34 @@ impl Tracer {
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
                 let size = f64::from(picture_data.width().max(picture_data.height()));
-                let (mut uv, e) = texture::coordinates(scene, &self.prepared.local, &self.mappings, &place, &ray);
-                if wide.is_some() || !(e * size <= 1e-4) {
+                let (mut uv, e) =
+                    texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &place, &ray);
+                if wide.is_some() || !(e * size <= texture::TEXEL) {
                     let hit = wide.get_or_insert_with(|| exact.hit(trail, decision));
                     uv = texture::exact_coordinates(scene, &self.mappings, hit);
                 }
-                let wrap = match kind(scene, decision.id) {
-                    Kind::Sphere(_) => [true, false],
-                    Kind::Plane(_) => [true, true],
-                    Kind::Triangle(_) => [false, false],
-                };
+                let wrap = texture::wraps(kind(scene, decision.id));
                 color *= self.texels[picture.0 as usize].sample(picture_data, uv, wrap);
             }
             if let Some(hit) = &wide {
                 counts.refined += 1;
-                place.p = arbiter::to_local(&self.prepared.local, scene, &hit.p);
-                place.ep = 2.0 * U * norm1(place.p);
-                place.n = hit.n.to_f64();
-                place.en = 2.0 * U;
+                let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
+                place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.n.to_f64()), en: 2.0 * U };
             }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
-                    let l = light - place.p;
+                    let light = V3::splat(light);
+                    let incidence = shade::incidence(&place, light);
                     let cosine = match &wide {
                         Some(hit) => hit.cosine(scene.lights()[k]),
-                        None => place.n.dot(l) / libm::sqrt(l.dot(l)),
+                        None => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
                         continue;
                     }
                     counts.shadow += 1;
-                    let el = (2.0 * U * (norm1(light) + norm1(l))) / libm::sqrt(l.dot(l));
-                    let shadow = Ray::new(place.p, l, place.ep, el);
+                    let shadow = shade::towards(&place, light, incidence.l);
                     let blocked = match self.prepared.occluded(&shadow, Some(decision), query) {
                         Occluded::No => false,
                         Occluded::Yes => true,
@@ -148,13 +141,9 @@ impl Tracer {
             ray = match &wide {
                 Some(hit) => {
                     let reflected = hit.reflect(&exact.ray(trail).d);
-                    let d = reflected.d.to_f64();
-                    Ray::new(place.p, d, place.ep, 4.0 * U)
+                    Ray::new(place.p, V3::splat(reflected.d.to_f64()), place.ep, 4.0 * U)
                 }
-                None => {
-                    let d = ray.d - place.n * (2.0 * ray.d.dot(place.n));
-                    Ray::new(place.p, d, place.ep, (ray.ed + 4.2 * place.en) * (1.0 + 1e-6) + 24.0 * U)
-                }
+                None => shade::reflect(&ray, &place),
             };
             trail.push(decision);
             from = Some(decision);
@@ -165,52 +154,20 @@ impl Tracer {
     /// Where `ray` meets what it is known to meet, in f64.
     fn place(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> Place {
         let local = &self.prepared.local;
-        let (t, et, flat) = match kind(&self.prepared.scene, decision.id) {
-            Kind::Plane(i) => {
-                let plane = &local.planes[i];
-                let (t, e) = plane::distance(ray, plane);
-                (t, e, Some((plane.n, 4.0 * U)))
-            }
-            Kind::Triangle(i) => {
-                let f = triangle::forms(ray, &local.triangle(&self.prepared.scene.triangles()[i]));
-                let length = libm::sqrt(f.n.dot(f.n));
-                // A corner moved by pos turns the normal by pos over the height on the longest side.
-                (f.t, f.et, Some((f.n / length, self.tilt(&f, length))))
-            }
+        match kind(&self.prepared.scene, decision.id) {
+            Kind::Plane(i) => shade::on_plane(ray, &local.planes[i]),
+            Kind::Triangle(i) => shade::on_triangle(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
             Kind::Sphere(i) => {
+                let flag = |b: bool| if b { 1.0 } else { 0.0 };
                 let own = from.is_some_and(|f| f.id == decision.id);
-                let (t, e) = sphere::distance(ray, &local.spheres[i], decision.inside, own);
-                (t, e, None)
+                shade::on_sphere(ray, &local.spheres[i], flag(decision.inside), flag(own))
             }
-        };
-        let p = ray.o + ray.d * t;
-        let travel = t.abs() * ray.len;
-        let ep = et * ray.len + ray.eo + travel * ray.ed + 8.0 * U * (norm1(ray.o) + travel);
-        let (n, en) = match (flat, kind(&self.prepared.scene, decision.id)) {
-            (Some((n, en)), _) => (if n.dot(ray.d) > 0.0 { -n } else { n }, en),
-            (None, Kind::Sphere(i)) => {
-                let s = &local.spheres[i];
-                let n = (p - s.c) / s.r;
-                let en = (ep + 2.0 * U * norm1(s.c)) / s.r + 8.0 * U;
-                (if decision.inside { -n } else { n }, en)
-            }
-            (None, _) => (DVec3::ZERO, f64::INFINITY),
-        };
-        Place { id: decision.id, inside: decision.inside, p, ep, n, en }
-    }
-
-    /// Bound on a triangle's normal: its corners are misplaced by rounding alone, not by the ray.
-    fn tilt(&self, f: &triangle::Forms, length: f64) -> f64 {
-        f.corner_error * f.longest * 4.0 / length + 16.0 * U * f.longest * f.longest / length
+        }
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
     fn too_wide(&self, place: &Place) -> bool {
-        let lights = &self.prepared.local.lights;
-        !(place.en <= VALUE)
-            || lights.iter().any(|&l| {
-                let d = l - place.p;
-                !(place.ep * place.ep <= VALUE * VALUE * d.dot(d))
-            })
+        !(place.en <= shade::VALUE)
+            || self.prepared.local.lights.iter().any(|&l| !(shade::incidence(place, V3::splat(l)).excess <= 0.0))
     }
 }

@@ -6,10 +6,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::arbiter::{self, ExactRay, Vector};
+use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
-use crate::geometry::local::{ldexp, surface_and_order};
-use crate::geometry::{Aabb, Local, Ray, U};
+use crate::geometry::local::surface_and_order;
+use crate::geometry::{Aabb, Local, Ray, U, V3};
 use crate::precise::predicates::{Exact, cross_is_zero};
 use crate::scene::{Scene, Triangle};
 
@@ -19,6 +20,8 @@ pub struct PreparedScene {
     pub(crate) scene: Arc<Scene>,
     pub(crate) local: Local,
     pub(crate) boxes: Boxes,
+    /// The scene for packets of f32 rays, where its numbers allow that.
+    pub(crate) filter: Option<Filter>,
 }
 
 /// What a ray meets first.
@@ -58,7 +61,8 @@ impl PreparedScene {
     pub fn build(scene: Arc<Scene>) -> Self {
         let local = Local::new(&scene);
         let boxes = Self::boxes(&scene, &local);
-        Self { scene, local, boxes }
+        let filter = Filter::new(&scene, &local, &boxes);
+        Self { scene, local, boxes, filter }
     }
 
     fn boxes(scene: &Scene, local: &Local) -> Boxes {
@@ -98,7 +102,7 @@ impl PreparedScene {
         let scale = exact.d.exponent();
         let d = exact.d.scale(-scale).to_f64();
         let o = self.local.point(origin);
-        let ray = Ray::new(o, d, 2.0 * U * o.abs().element_sum(), 4.0 * U);
+        let ray = Ray::new(V3::splat(o), V3::splat(d), 2.0 * U * o.abs().element_sum(), 4.0 * U);
         let mut scratch = Scratch::default();
         let (decision, t) = match self.closest(&ray, None, &mut scratch) {
             Closest::Nothing => return None,
@@ -116,18 +120,13 @@ impl PreparedScene {
         let d = b - a;
         let e = 2.0 * U * (a.abs().element_sum() + b.abs().element_sum());
         let len = d.length();
-        let ray = Ray::new(a, d, 2.0 * e, 4.0 * U + e / len);
+        let ray = Ray::new(V3::splat(a), V3::splat(d), 2.0 * e, 4.0 * U + e / len);
         let mut scratch = Scratch::default();
         match self.occluded(&ray, None, &mut scratch) {
             Occluded::No => false,
             Occluded::Yes => true,
             Occluded::Doubt => arbiter::occluded(&self.scene, &exact, scratch.candidates()),
         }
-    }
-
-    /// Local lengths times this are world lengths.
-    pub(crate) fn world(&self, x: f64) -> f64 {
-        ldexp(x, self.local.power)
     }
 }
 

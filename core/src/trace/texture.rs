@@ -2,10 +2,23 @@
 
 use glam::{DVec2, DVec3};
 
-use super::arbiter::{Big, ExactHit, Vector};
+use super::arbiter::{Big, Decision, ExactHit, Vector};
+use super::shade::Place;
 use crate::geometry::local::{Kind, kind};
-use crate::geometry::{Local, ObjectId, Ray, U, norm1, triangle};
+use crate::geometry::{Local, ObjectId, Ray, U, triangle};
 use crate::scene::{Picture, Pigment, PlanePosition, Scene};
+
+/// The largest misplacement of a picture, in texels, that f64 is trusted with.
+pub(crate) const TEXEL: f64 = 1e-4;
+
+/// Whether a picture repeats along u and v on objects of a kind, or ends at its edges.
+pub(crate) fn wraps(kind: Kind) -> [bool; 2] {
+    match kind {
+        Kind::Sphere(_) => [true, false],
+        Kind::Plane(_) => [true, true],
+        Kind::Triangle(_) => [false, false],
+    }
+}
 
 /// How a picture lies on an object that has one.
 #[derive(Clone, Debug)]
@@ -82,40 +95,29 @@ fn fraction(x: f64) -> f64 {
     if f < 1.0 { f } else { 0.0 }
 }
 
-/// A shading point in f64, as far as pictures need it.
-pub(crate) struct Place {
-    pub(crate) id: ObjectId,
-    pub(crate) inside: bool,
-    pub(crate) p: DVec3,
-    /// Bound on |p − p*|.
-    pub(crate) ep: f64,
-    /// Unit normal on the struck side and its bound.
-    pub(crate) n: DVec3,
-    pub(crate) en: f64,
-}
-
 /// (u, v) at `place`, met by `ray`, and the bound on their error.
 pub(crate) fn coordinates(
     scene: &Scene,
     local: &Local,
     mappings: &[Mapping],
+    decision: Decision,
     place: &Place,
     ray: &Ray,
 ) -> (DVec2, f64) {
-    match kind(scene, place.id) {
+    match kind(scene, decision.id) {
         Kind::Sphere(_) => {
-            let map = find(mappings, place.id);
-            let m = if place.inside { -place.n } else { place.n };
-            let uv = on_sphere(map, m);
+            let map = find(mappings, decision.id);
+            let m = if decision.inside { -place.n } else { place.n };
+            let uv = on_sphere(map, m.to_dvec3());
             // Near a pole, u turns by en over the sine of the colatitude.
             let sine = libm::sin(uv.y * std::f64::consts::PI).max(1e-300);
             (uv, (place.en + 8.0 * U) * (0.5 + 0.5 / sine))
         }
         Kind::Plane(_) => {
-            let map = find(mappings, place.id);
-            let at = place.p - map.local_origin;
+            let map = find(mappings, decision.id);
+            let at = place.p.to_dvec3() - map.local_origin;
             let world = |x: f64| crate::geometry::local::ldexp(x, local.power);
-            let e = world(place.ep + 8.0 * U * (norm1(place.p) + norm1(map.local_origin)));
+            let e = world(place.ep + 8.0 * U * (place.p.norm1() + map.local_origin.abs().element_sum()));
             (DVec2::new(fraction(world(at.dot(map.axes[0]))), fraction(world(at.dot(map.axes[1])))), e)
         }
         Kind::Triangle(i) => {
