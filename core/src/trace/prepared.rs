@@ -12,7 +12,7 @@ use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
 use crate::geometry::local::surface_and_order;
 use crate::geometry::{Aabb, Local, Ray, U, V3};
 use crate::precise::Vector;
-use crate::precise::predicates::{Exact, cross_is_zero};
+use crate::precise::zero_area;
 use crate::scene::{Scene, Triangle};
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -32,25 +32,6 @@ pub struct RayHit {
     pub order: u32,
     /// Distance in units of the direction's length, the nearest f64 to the real number.
     pub t: f64,
-}
-
-/// Whether a triangle has exactly no area.
-fn is_degenerate(t: &Triangle) -> bool {
-    let [a, b, c] = t.written;
-    // Plainly not parallel sides need no wide numbers.
-    let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
-    let n = e1.cross(e2).length_squared();
-    let size = e1.length_squared() * e2.length_squared();
-    if n > 1e-20 * size
-        && n.is_finite()
-        && size > 1e-200
-        && e1.length_squared() > 1e-20 * a.length_squared().max(b.length_squared())
-    {
-        return false;
-    }
-    let exact = |v: DVec3| Exact::new(v);
-    let (e1, e2) = if t.by_sides() { (exact(b), exact(c)) } else { (exact(b) - exact(a), exact(c) - exact(a)) };
-    cross_is_zero(&e1, &e2)
 }
 
 /// Share of objects whose boxes may grow noticeably before boxes are kept in f64.
@@ -73,7 +54,8 @@ impl PreparedScene {
         let sphere = |i: usize| Some((Local::sphere_box(&local.spheres[i]), id(i), 1));
         let triangle = |i: usize| {
             let t = &scene.triangles()[i];
-            (!is_degenerate(t)).then(|| (Local::triangle_box(&local.triangle(t)), id(spheres + i), 0))
+            (!zero_area::is_zero(&t.written, t.by_sides()))
+                .then(|| (Local::triangle_box(&local.triangle(t)), id(spheres + i), 0))
         };
         let all: Vec<(Aabb, u32, u8)> = (0..spheres)
             .into_par_iter()
