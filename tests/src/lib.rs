@@ -8,8 +8,12 @@
 pub mod cluster;
 pub mod compare;
 pub mod exact;
+pub mod fake;
 pub mod generate;
 pub mod oracle;
 pub mod peers;
 pub mod pigment;
+pub mod process;
+pub mod proxy;
 pub mod reference;
+pub mod studio;
