@@ -15,5 +15,6 @@ pub mod precise;
 pub mod sampling;
 pub mod scene;
 pub mod settings;
+pub mod simd;
 pub mod trace;
 pub mod xml;

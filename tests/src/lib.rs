@@ -14,6 +14,8 @@ pub mod oracle;
 pub mod peers;
 pub mod pigment;
 pub mod process;
+pub mod program;
 pub mod proxy;
 pub mod reference;
 pub mod studio;
+pub mod subject;

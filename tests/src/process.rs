@@ -1,35 +1,17 @@
-//! Real programs, that can be stopped and killed.
+//! Programs that are signalled while they run, and heard line by line.
 
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, channel};
-use std::sync::{LazyLock, Mutex};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::program::program;
+
 /// Longer than anything here takes.
 const NEVER: Duration = Duration::from_secs(60);
-
-/// The folder of the programs, as fresh as the tests themselves.
-static PROGRAMS: LazyLock<PathBuf> = LazyLock::new(|| {
-    let mut build = Command::new(env!("CARGO"));
-    build.args(["build", "--quiet", "--workspace", "--bins"]);
-    if !cfg!(debug_assertions) {
-        build.arg("--release");
-    }
-    let built = build.current_dir(env!("CARGO_MANIFEST_DIR")).status().expect("cargo runs");
-    assert!(built.success(), "the programs do not build");
-    let test = std::env::current_exe().expect("a test has a path");
-    test.parent().and_then(Path::parent).expect("target/PROFILE/deps/TEST").into()
-});
-
-/// Path of the program `name`, `coordinator` or `worker`.
-#[must_use]
-pub fn program(name: &str) -> PathBuf {
-    PROGRAMS.join(name)
-}
 
 /// A program at work; killed when dropped.
 #[derive(Debug)]
@@ -70,17 +52,18 @@ impl Process {
         kill_process(pid, signal).expect("it is there to be signalled");
     }
 
-    /// Waits for it to say something that holds `text`.
+    /// Waits for it to say something that holds `text`, and gives all that it said until then.
     ///
     /// # Panics
     /// When it ends, or takes a minute, without.
-    pub fn says(&mut self, text: &str) {
+    pub fn says(&mut self, text: &str) -> &str {
         let lines = self.lines.get_mut().expect("no panic before");
         while !self.said.contains(text) {
             let line = lines.recv_timeout(NEVER).unwrap_or_else(|e| panic!("{e}; it said only:\n{}", self.said));
             self.said += &line;
             self.said.push('\n');
         }
+        &self.said
     }
 
     /// Waits for its end; also gives what it said.

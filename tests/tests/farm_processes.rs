@@ -12,6 +12,7 @@ use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::generate;
 use tessera_tests::process::Process;
+use tessera_tests::program;
 use tessera_tests::studio::{Gate, Painted, paint};
 use tokio_util::sync::CancellationToken;
 use worker::Config;
@@ -190,4 +191,30 @@ fn a_worker_says_why_it_cannot_work() {
     }
     let (code, said) = run(&["--help"]);
     assert_eq!(code, Some(0), "{said}");
+}
+
+#[test]
+fn processes_alone_give_the_file_that_one_process_gives_though_one_is_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let scene = program::scene("demo.xml");
+    let render = |output: &str, more: &[&str]| {
+        let common = ["render", scene.to_str().unwrap(), "--size", "160x120", "--tile", "8", "--output", output];
+        Process::start("coordinator", &[&common, more].concat())
+    };
+    let (status, said) = render(&file("alone.png"), &[]).end();
+    assert!(status.success(), "{said}");
+    let mut coordinator = render(&file("farm.png"), &["--listen", "127.0.0.1:0"]);
+    let said = coordinator.says("awaited on ");
+    let addr = said.split("awaited on ").nth(1).unwrap().split(';').next().unwrap().to_owned();
+    let worker = || Process::start("worker", &["--connect", &addr, "--once"]);
+    let mut victim = worker();
+    victim.says("registered");
+    // Wherever it is by now, in the middle or at the end.
+    victim.signal(Signal::KILL);
+    let (others, (status, said)) = ([worker(), worker()], coordinator.end());
+    assert!(status.success(), "{said}");
+    assert_eq!(std::fs::read(file("alone.png")).unwrap(), std::fs::read(file("farm.png")).unwrap());
+    // A worker that came too late waits for the next coordinator; the others have left.
+    drop(others);
 }

@@ -23,8 +23,6 @@ impl Child {
     const LEAF: u32 = 1 << 31;
     const KIND: u32 = 1 << 30;
     const COUNT_SHIFT: u32 = 27;
-    /// The most items a hierarchy can hold.
-    pub(crate) const MAX_ITEMS: usize = (1 << Self::COUNT_SHIFT) - 2;
 
     fn leaf(kind: u8, start: u32, count: u32) -> Self {
         debug_assert!((1..=8).contains(&count) && kind < 2);
@@ -59,21 +57,21 @@ pub(crate) struct Node<T> {
 #[derive(Debug)]
 pub(crate) struct Wide<T> {
     pub(crate) nodes: Vec<Node<T>>,
-    /// Ids of the items, in the order leaves name them.
-    pub(crate) ids: Vec<u32>,
+    /// Ids of the items of each kind, in the order leaves name them.
+    pub(crate) ids: [Vec<u32>; 2],
     /// Ends of the whole on each axis.
     pub(crate) lo: [f64; 3],
     pub(crate) hi: [f64; 3],
 }
 
 impl<T: Coordinate> Wide<T> {
-    pub(crate) fn collapse(root: Option<&Binary<T>>, items: &[Item<T>]) -> Self {
-        let mut wide =
-            Self { nodes: Vec::new(), ids: items.iter().map(|i| i.id).collect(), lo: [0.0; 3], hi: [0.0; 3] };
+    /// Leaves out what is `hidden` by another item of its leaf: `hidden(a, b)` says whether a never matters beside b.
+    pub(crate) fn collapse(root: Option<&Binary<T>>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> Self {
+        let mut wide = Self { nodes: Vec::new(), ids: [Vec::new(), Vec::new()], lo: [0.0; 3], hi: [0.0; 3] };
         if let Some(root) = root {
             wide.lo = root.bounds().lo.map(T::to_f64);
             wide.hi = root.bounds().hi.map(T::to_f64);
-            wide.node(root, items);
+            wide.node(root, items, hidden);
             wide.nodes.shrink_to_fit();
         }
         wide
@@ -85,7 +83,7 @@ impl<T: Coordinate> Wide<T> {
     }
 
     /// Adds the node over `root`'s descendants; depth is bounded as the binary tree's is.
-    fn node(&mut self, root: &Binary<T>, items: &[Item<T>]) -> u32 {
+    fn node(&mut self, root: &Binary<T>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> u32 {
         let mut open: Vec<&Binary<T>> = Vec::with_capacity(WIDTH);
         match root {
             Binary::Inner { children, .. } => open.extend(children.iter()),
@@ -109,8 +107,16 @@ impl<T: Coordinate> Wide<T> {
         });
         for (slot, child) in open.into_iter().enumerate() {
             let link = match child {
-                Binary::Leaf { start, count, .. } => Child::leaf(items[*start as usize].kind, *start, *count),
-                Binary::Inner { .. } => Child(self.node(child, items)),
+                Binary::Leaf { start, count, .. } => {
+                    let items = &items[*start as usize..][..*count as usize];
+                    let kind = items[0].kind;
+                    let ids = &mut self.ids[usize::from(kind)];
+                    let first = ids.len() as u32;
+                    let matters = |i: &&Item<T>| !items.iter().any(|j| hidden(i.id, j.id));
+                    ids.extend(items.iter().filter(matters).map(|i| i.id));
+                    Child::leaf(kind, first, ids.len() as u32 - first)
+                }
+                Binary::Inner { .. } => Child(self.node(child, items, hidden)),
             };
             let Bounds { lo, hi } = *child.bounds();
             let node = &mut self.nodes[index];

@@ -16,18 +16,8 @@ impl Aabb {
         Self { lo: self.lo.min(p), hi: self.hi.max(p) }
     }
 
-    pub(crate) fn union(self, b: Self) -> Self {
-        Self { lo: self.lo.min(b.lo), hi: self.hi.max(b.hi) }
-    }
-
     /// Wider by `by` on every side.
     pub(crate) fn padded(self, by: f64) -> Self {
         Self { lo: self.lo - by, hi: self.hi + by }
-    }
-
-    /// Half the surface area; 0 for an empty box.
-    pub(crate) fn half_area(&self) -> f64 {
-        let e = self.hi - self.lo;
-        if e.x < 0.0 { 0.0 } else { e.x * e.y + e.y * e.z + e.z * e.x }
     }
 }

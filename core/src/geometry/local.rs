@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::plane::LocalPlane;
 use super::sphere::LocalSphere;
 use super::triangle::LocalTriangle;
-use super::{Aabb, U, norm1};
+use super::{Aabb, U, V3};
 use crate::precise::{Big, Vector};
 use crate::scene::{Order, PlanePosition, Scene, SurfaceId, Triangle};
 
@@ -87,7 +87,7 @@ impl Local {
         local.spheres = scene
             .spheres()
             .iter()
-            .map(|s| LocalSphere { c: local.point(s.center), r: ldexp(s.radius, -power) })
+            .map(|s| LocalSphere { c: V3::splat(local.point(s.center)), r: ldexp(s.radius, -power) })
             .collect();
         local.lights = scene.lights().iter().map(|&l| local.point(l)).collect();
         local
@@ -109,9 +109,9 @@ impl Local {
         let [a, b, c] = t.written;
         let a = self.point(a);
         if t.by_sides() {
-            LocalTriangle { v: [a, a + ldexp3(b, -self.power), a + ldexp3(c, -self.power)] }
+            LocalTriangle { v: [a, a + ldexp3(b, -self.power), a + ldexp3(c, -self.power)].map(V3::splat) }
         } else {
-            LocalTriangle { v: [a, self.point(b), self.point(c)] }
+            LocalTriangle { v: [a, self.point(b), self.point(c)].map(V3::splat) }
         }
     }
 
@@ -123,18 +123,18 @@ impl Local {
             PlanePosition::Point(q) => unit.dot(&(Vector::new(q) - Vector::new(self.origin))),
             PlanePosition::Distance(d) => Big::new(d) - unit.dot(&Vector::new(self.origin)),
         };
-        LocalPlane { n: unit.to_f64(), h: offset.scale(-i64::from(self.power)).to_f64() }
+        LocalPlane { n: V3::splat(unit.to_f64()), h: offset.scale(-i64::from(self.power)).to_f64() }
     }
 
     /// The box of a sphere, its rounding included.
     pub(crate) fn sphere_box(s: &LocalSphere) -> Aabb {
-        Aabb { lo: s.c - s.r, hi: s.c + s.r }.padded(4.0 * U * (norm1(s.c) + s.r))
+        Aabb { lo: s.center() - s.r, hi: s.center() + s.r }.padded(4.0 * U * (s.c.norm1() + s.r))
     }
 
     /// The box of a triangle, its rounding included.
     pub(crate) fn triangle_box(t: &LocalTriangle) -> Aabb {
-        let b = Aabb::EMPTY.around(t.v[0]).around(t.v[1]).around(t.v[2]);
-        let v = norm1(t.v[0]).max(norm1(t.v[1])).max(norm1(t.v[2]));
+        let b = t.v.iter().fold(Aabb::EMPTY, |b, v| b.around(v.to_dvec3()));
+        let v = t.v[0].norm1().max(t.v[1].norm1()).max(t.v[2].norm1());
         b.padded(4.0 * U * v)
     }
 }

@@ -15,12 +15,14 @@ pub(crate) mod aabb;
 pub(crate) mod local;
 pub(crate) mod plane;
 pub(crate) mod ray;
+pub(crate) mod real;
 pub(crate) mod sphere;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
 pub(crate) use local::{Local, ObjectId};
 pub(crate) use ray::{Ray, Span};
+pub(crate) use real::{Real, V3};
 
 /// The unit roundoff of f64, 2⁻⁵³.
 pub(crate) const U: f64 = f64::EPSILON / 2.0;
@@ -28,8 +30,3 @@ pub(crate) const U: f64 = f64::EPSILON / 2.0;
 /// Added to every absolute bound: covers all underflow in a kernel, since after scaling
 /// nothing that matters is near the smallest numbers.
 pub(crate) const TINY: f64 = 1e-290;
-
-/// |x| + |y| + |z|: an upper bound of the Euclidean norm, at most √3 times it.
-pub(crate) fn norm1(v: glam::DVec3) -> f64 {
-    v.x.abs() + v.y.abs() + v.z.abs()
-}

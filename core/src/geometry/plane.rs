@@ -3,28 +3,28 @@
 //! **Bound.** The unit normal is within 2u of the real one, the offset h within u·|h|. Then
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
-use glam::DVec3;
-
-use super::{Ray, Span, TINY, U, norm1};
+use super::real::{Real, V3};
+use super::{Ray, Span, TINY, U};
 
 /// n · P = h in local space.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LocalPlane {
-    pub(crate) n: DVec3,
-    pub(crate) h: f64,
+pub(crate) struct LocalPlane<R = f64> {
+    pub(crate) n: V3<R>,
+    pub(crate) h: R,
 }
 
-/// Distance to the plane and its error bound, infinite where the ray may be parallel to it.
-pub(crate) fn distance(ray: &Ray, plane: &LocalPlane) -> (f64, f64) {
+/// Distance to the plane and its error bound, infinite or NaN where the ray may be parallel to it.
+#[inline(always)]
+pub(crate) fn distance<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> (R, R) {
+    let k = |x: f64| R::splat(x);
     let num = plane.h - plane.n.dot(ray.o);
     let den = plane.n.dot(ray.d);
-    let dnum = ray.eo + 8.0 * U * (norm1(ray.o) + plane.h.abs()) + TINY;
-    let dden = (ray.ed + 8.0 * U) * ray.len + TINY;
+    let dnum = ray.eo + k(8.0 * U) * (ray.o.norm1() + plane.h.abs()) + k(TINY);
+    let dden = (ray.ed + k(8.0 * U)) * ray.len + k(TINY);
     let t = num / den;
     // |num/den − num*/den*| ≤ (Δnum + |t|·Δden) / (|den| − Δden)
-    let rest = den.abs() - dden;
-    let e = if rest > 0.0 { (dnum + t.abs() * dden) / rest + 8.0 * U * t.abs() } else { f64::INFINITY };
-    (t, e)
+    let rest = (den.abs() - dden).max(k(0.0));
+    (t, (dnum + t.abs() * dden) / rest + k(8.0 * U) * t.abs())
 }
 
 /// Where the ray meets the plane.
@@ -34,8 +34,8 @@ pub(crate) fn test(ray: &Ray, plane: &LocalPlane) -> Option<Span> {
         return Span::around(t, e, false);
     }
     // Perhaps parallel: not nearer than the least numerator over the greatest denominator allows.
-    let num = (plane.h - plane.n.dot(ray.o)).abs() - (ray.eo + 8.0 * U * (norm1(ray.o) + plane.h.abs()) + TINY);
+    let dnum = ray.eo + 8.0 * U * (ray.o.norm1() + plane.h.abs()) + TINY;
+    let num = (plane.h - plane.n.dot(ray.o)).abs() - dnum;
     let den = plane.n.dot(ray.d).abs() + (ray.ed + 8.0 * U) * ray.len + TINY;
-    let lo = num / den * (1.0 - 8.0 * U);
-    Span::unsure(lo, f64::INFINITY, t, false)
+    Span::unsure(num / den * (1.0 - 8.0 * U), f64::INFINITY, false)
 }

@@ -1,34 +1,34 @@
 //! Rays that know how wrong they may be.
 
-use glam::DVec3;
-
+use super::real::{Real, V3};
 use super::{TINY, U};
 
 /// A ray o + t·d in local space, and its distance from the ray of real arithmetic.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Ray {
+pub(crate) struct Ray<R = f64> {
     /// Start.
-    pub(crate) o: DVec3,
+    pub(crate) o: V3<R>,
     /// Direction, of any length.
-    pub(crate) d: DVec3,
+    pub(crate) d: V3<R>,
     /// Bound on |o − o*|.
-    pub(crate) eo: f64,
+    pub(crate) eo: R,
     /// Bound on |d − d*| / |d|.
-    pub(crate) ed: f64,
+    pub(crate) ed: R,
     /// d · d.
-    pub(crate) dd: f64,
+    pub(crate) dd: R,
     /// 1 / |d|, not less than the real value.
-    pub(crate) inv_len: f64,
+    pub(crate) inv_len: R,
     /// |d|, not less than the real value.
-    pub(crate) len: f64,
+    pub(crate) len: R,
 }
 
-impl Ray {
-    pub(crate) fn new(o: DVec3, d: DVec3, eo: f64, ed: f64) -> Self {
+impl<R: Real> Ray<R> {
+    #[inline(always)]
+    pub(crate) fn new(o: V3<R>, d: V3<R>, eo: R, ed: R) -> Self {
         let dd = d.dot(d);
-        let len = dd.sqrt() * (1.0 + 8.0 * U);
-        let inv_len = (1.0 + 16.0 * U) / len;
-        Self { o, d, eo: eo + TINY, ed, dd, inv_len, len }
+        let len = dd.sqrt() * R::splat(1.0 + 8.0 * U);
+        let inv_len = R::splat(1.0 + 16.0 * U) / len;
+        Self { o, d, eo: eo + R::splat(TINY), ed, dd, inv_len, len }
     }
 }
 
@@ -39,8 +39,6 @@ pub(crate) struct Span {
     pub(crate) lo: f64,
     /// The real distance is at most this.
     pub(crate) hi: f64,
-    /// The computed distance, between `lo` and `hi`.
-    pub(crate) t: f64,
     /// Whether the object is surely met, at a t > 0.
     pub(crate) sure: bool,
     /// Whether the inner side of a sphere is struck; meaningless for other objects.
@@ -56,21 +54,19 @@ impl Span {
         }
         // Written so that a NaN is unsure, over all distances.
         if lo > 0.0 && hi.is_finite() {
-            Some(Self { lo, hi, t, sure: true, inside })
-        } else if hi >= 0.0 {
-            Some(Self { lo: lo.max(0.0), hi, t, sure: false, inside })
+            Some(Self { lo, hi, sure: true, inside })
         } else {
-            Some(Self { lo: 0.0, hi: f64::INFINITY, t, sure: false, inside })
+            Self::unsure(lo, hi, inside)
         }
     }
 
     /// An object that may or may not be met between `lo` and `hi`.
-    pub(crate) fn unsure(lo: f64, hi: f64, t: f64, inside: bool) -> Option<Self> {
+    pub(crate) fn unsure(lo: f64, hi: f64, inside: bool) -> Option<Self> {
         if hi < 0.0 {
             return None;
         }
         let lo = if lo > 0.0 { lo } else { 0.0 };
         let hi = if hi >= 0.0 { hi } else { f64::INFINITY };
-        Some(Self { lo, hi, t, sure: false, inside })
+        Some(Self { lo, hi, sure: false, inside })
     }
 }

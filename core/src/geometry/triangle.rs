@@ -17,51 +17,59 @@
 //! 6u·S³/|N| inside the triangle, the corners by 2·pos, so that t is off by at most
 //! (3·pos·|N| + 12u·S³)/|N·d|.
 
-use glam::DVec3;
-
-use super::{Ray, Span, TINY, U, norm1};
+use super::real::{Real, V3};
+use super::{Ray, Span, TINY, U};
 
 /// Corners in local space, each within 2u·V of the real ones.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LocalTriangle {
-    pub(crate) v: [DVec3; 3],
+pub(crate) struct LocalTriangle<R = f64> {
+    pub(crate) v: [V3<R>; 3],
 }
 
 /// All that a test and a shading point need of one ray and one triangle.
-pub(crate) struct Forms {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Forms<R> {
     /// Edge forms opposite c1, c2 and c0: weights of those corners.
-    pub(crate) w: [f64; 3],
+    pub(crate) w: [R; 3],
     /// Their common error bound.
-    pub(crate) e: f64,
+    pub(crate) e: R,
     /// N = (c1 − c0) × (c2 − c0).
-    pub(crate) n: DVec3,
-    /// N · d.
-    pub(crate) den: f64,
+    pub(crate) n: V3<R>,
     /// Distance to the plane and its error bound.
-    pub(crate) t: f64,
-    pub(crate) et: f64,
+    pub(crate) t: R,
+    pub(crate) et: R,
     /// How far a corner may be misplaced.
-    pub(crate) pos: f64,
+    pos: R,
     /// How far a corner may be from the scene's, and the longest edge.
-    pub(crate) corner_error: f64,
-    pub(crate) longest: f64,
-    p: [DVec3; 3],
+    pub(crate) corner_error: R,
+    pub(crate) longest: R,
+    p: [V3<R>; 3],
+    reach: R,
 }
 
-pub(crate) fn forms(ray: &Ray, tri: &LocalTriangle) -> Forms {
-    let [p0, p1, p2] = tri.v.map(|v| v - ray.o);
+#[inline(always)]
+fn max3<R: Real>(a: R, b: R, c: R) -> R {
+    a.max(b).max(c)
+}
+
+#[inline(always)]
+pub(crate) fn forms<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Forms<R> {
+    let k = |x: f64| R::splat(x);
+    let [v0, v1, v2] = tri.v;
+    let (p0, p1, p2) = (v0 - ray.o, v1 - ray.o, v2 - ray.o);
     let (e0, e1, e2) = (p2 - p0, p0 - p1, p1 - p2);
     let w = [e0.cross(p2 + p0).dot(ray.d), e1.cross(p0 + p1).dot(ray.d), e2.cross(p1 + p2).dot(ray.d)];
-    let m = norm1(p0).max(norm1(p1)).max(norm1(p2));
-    let v = norm1(tri.v[0]).max(norm1(tri.v[1])).max(norm1(tri.v[2]));
-    let s = norm1(e0).max(norm1(e1)).max(norm1(e2));
-    let pos = ray.eo + 3.0 * U * (v + norm1(ray.o)) + (ray.ed + 12.0 * U) * m + TINY;
-    let e = 8.0 * ray.len * pos * (s + pos) + TINY;
+    let m = max3(p0.norm1(), p1.norm1(), p2.norm1());
+    let v = max3(v0.norm1(), v1.norm1(), v2.norm1());
+    let s = max3(e0.norm1(), e1.norm1(), e2.norm1());
+    let pos = ray.eo + k(3.0 * U) * (v + ray.o.norm1()) + (ray.ed + k(12.0 * U)) * m + k(TINY);
+    let e = k(8.0) * ray.len * pos * (s + pos) + k(TINY);
     let n = e0.cross(e1);
     let den = n.dot(ray.d);
     let t = n.dot(p0) / den;
-    let et = (3.0 * pos * norm1(n) + 12.0 * U * s * s * s + TINY) / den.abs();
-    Forms { w, e, n, den, t, et, pos, corner_error: 3.0 * U * v + TINY, longest: s, p: [p0, p1, p2] }
+    let et = (k(3.0) * pos * n.norm1() + k(12.0 * U) * s * s * s + k(TINY)) / den.abs();
+    let corner_error = k(3.0 * U) * v + k(TINY);
+    Forms { w, e, n, t, et, pos, corner_error, longest: s, p: [p0, p1, p2], reach: m }
 }
 
 /// Where the ray meets the triangle.
@@ -79,8 +87,8 @@ pub(crate) fn test(ray: &Ray, tri: &LocalTriangle) -> Option<Span> {
     }
     // Whatever is met lies between the nearest and the farthest corner.
     let along = f.p.map(|p| p.dot(ray.d) / ray.dd);
-    let e = (f.pos + 8.0 * U * norm1(f.p[0]).max(norm1(f.p[1])).max(norm1(f.p[2]))) * ray.inv_len;
+    let e = (f.pos + 8.0 * U * f.reach) * ray.inv_len;
     let near = along[0].min(along[1]).min(along[2]) - e;
     let far = along[0].max(along[1]).max(along[2]) + e;
-    Span::unsure(near, far, f.t, false)
+    Span::unsure(near, far, false)
 }

@@ -3,6 +3,7 @@
 mod big;
 pub mod predicates;
 mod vector;
+pub mod zero_area;
 
 pub use big::Big;
 pub use vector::Vector;

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
-use super::arbiter::{Big, ExactRay, Vector};
-use crate::geometry::{Ray, U};
+use super::arbiter::{ExactRay, LAST};
+use crate::geometry::{Ray, U, V3};
+use crate::precise::{Big, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
 
@@ -17,6 +18,9 @@ pub struct PlanePoint {
     pub y: i32,
 }
 
+/// Bound on a camera ray's direction, see [`Frame::ray`].
+pub(crate) const TURN: f64 = 6.0 * U;
+
 /// The camera's frame under a view, for points on a grid of `grid` cells along a pixel's edge.
 ///
 /// The direction through (x, y) is zoom·f + x·r·s + y·u·s, s the height of a unit. Only its
@@ -27,8 +31,8 @@ pub(crate) struct Frame {
     grid: u32,
     width: u32,
     height: u32,
-    location: Vector,
-    exact: [Vector; 3],
+    location: DVec3,
+    exact: [Vector<LAST>; 3],
     pub(crate) forward: DVec3,
     pub(crate) right: DVec3,
     pub(crate) up: DVec3,
@@ -36,14 +40,14 @@ pub(crate) struct Frame {
 
 impl Frame {
     pub(crate) fn new(camera: &Camera, view: &View, grid: u32) -> Self {
-        let location = Vector::new(camera.location());
-        let f = (Vector::new(camera.look_at()) - location).normalize();
+        let location = camera.location();
+        let f = (Vector::new(camera.look_at()) - Vector::new(location)).normalize();
         let r = Vector::new(camera.sky()).cross(&f).normalize();
         let u = f.cross(&r);
         let units = 2.0 * f64::from(grid) * f64::from(view.height());
         let distance = (Big::new(view.zoom()) * Big::new(units)).div(Big::new(view.plane_height()));
         // The longest of the three parts of a direction becomes about 1.
-        let widest = Big::new(f64::from(grid) * f64::from(view.width().max(view.height())));
+        let widest = Big::<LAST>::new(f64::from(grid) * f64::from(view.width().max(view.height())));
         let scale = -distance.exponent().max(widest.exponent());
         let exact = [(f * distance).scale(scale), r.scale(scale), u.scale(scale)];
         let [forward, right, up] = exact.map(|v| v.to_f64());
@@ -62,17 +66,21 @@ impl Frame {
 
     /// The ray through `p`, in local space.
     ///
-    /// Each of the three orthogonal parts is within u of the real one and at most |d|; three
-    /// roundings follow: |d − d*| < 24u·|d|.
+    /// Each of the three orthogonal parts is within u of the real one, its product with a
+    /// coordinate within another u, and two sums follow: |d − d*| ≤ (2√3 + 2)u·|d|, below [`TURN`].
     pub(crate) fn ray(&self, p: PlanePoint) -> Ray {
-        let d = self.forward + self.right * f64::from(p.x) + self.up * f64::from(p.y);
-        Ray::new(DVec3::ZERO, d, 0.0, 24.0 * U)
+        Ray::new(V3::splat(DVec3::ZERO), V3::splat(self.direction(p)), 0.0, TURN)
+    }
+
+    /// The direction of [`Self::ray`].
+    pub(crate) fn direction(&self, p: PlanePoint) -> DVec3 {
+        self.forward + self.right * f64::from(p.x) + self.up * f64::from(p.y)
     }
 
     /// The ray through `p`, in world space and wide arithmetic.
-    pub(crate) fn exact_ray(&self, p: PlanePoint) -> ExactRay {
-        let [f, r, u] = self.exact;
+    pub(crate) fn exact_ray<const N: usize>(&self, p: PlanePoint) -> ExactRay<N> {
+        let [f, r, u] = self.exact.map(|v| v.resize());
         let d = f + r * Big::new(f64::from(p.x)) + u * Big::new(f64::from(p.y));
-        ExactRay { o: self.location, d, from: None }
+        ExactRay { o: Vector::new(self.location), d, from: None }
     }
 }

@@ -2,10 +2,14 @@
 
 pub(crate) mod arbiter;
 mod camera;
+mod filter;
+mod packet;
 mod path;
 mod prepared;
 mod query;
+mod shade;
 mod texture;
+mod wave;
 
 use std::sync::Arc;
 
@@ -18,9 +22,10 @@ pub use prepared::{PreparedScene, RayHit};
 use crate::film::{Region, Tile};
 use crate::scene::Pigment;
 use crate::settings::{Sampling, Settings, Transfer};
+use crate::simd::{Level, dispatch};
 use camera::Frame;
-use path::PathScratch;
 use texture::{Mapping, Texels};
+use wave::{Wave, WaveScratch};
 
 /// Rays traced, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,6 +87,9 @@ pub struct Tracer {
     background: DVec3,
     texels: Vec<Texels>,
     mappings: Vec<Mapping>,
+    /// Whether any surface mirrors.
+    mirrors: bool,
+    level: Level,
 }
 
 /// Pixels along the edge of the blocks that threads take.
@@ -107,7 +115,7 @@ impl Tracer {
         let Sampling::Uniform { grid } = settings.sampling;
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
-        let materials = scene
+        let materials: Vec<Material> = scene
             .surfaces()
             .par_iter()
             .map(|s| {
@@ -121,6 +129,8 @@ impl Tracer {
         Ok(Self {
             settings,
             grid,
+            mirrors: materials.iter().any(|m| m.reflect > 0.0),
+            level: Level::best(),
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
             background: linear(scene.background()),
@@ -147,7 +157,7 @@ impl Tracer {
         let blocks = region.blocks(BLOCK);
         let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
             .into_par_iter()
-            .map_init(PathScratch::default, |scratch, block| {
+            .map_init(WaveScratch::default, |scratch, block| {
                 let mut counts = RayCounts::default();
                 let pixels = self.block(block, scratch, &mut counts);
                 (block, pixels, counts)
@@ -167,26 +177,61 @@ impl Tracer {
         (Tile { region, pixels }, counts)
     }
 
-    /// What each of `points` shows, in their order; units are 1/(2·grid) pixel of the settings' sampling.
-    /// Sequential: callers spread work over threads.
+    /// The same tracer by other instructions; every level gives the same bits.
+    ///
+    /// # Panics
+    /// When this machine does not offer `level`.
     #[must_use]
-    pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
-        let (mut scratch, mut counts) = (PathScratch::default(), RayCounts::default());
-        let samples = points.iter().map(|&p| self.sample(p, &mut scratch, &mut counts)).collect();
-        (samples, counts)
+    pub fn with_level(self, level: Level) -> Self {
+        assert!(Level::all().contains(&level), "{level:?} is not offered by this machine");
+        Self { level, ..self }
     }
 
-    fn block(&self, block: Region, scratch: &mut PathScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
-        let mut pixels = Vec::with_capacity(block.area() as usize);
+    /// What each of `points` shows, in their order; units are 1/(2·grid) pixel of the settings' sampling.
+    /// Sequential: callers spread work over threads. Neighbours in the list had better be
+    /// neighbours in the plane.
+    #[must_use]
+    pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
+        let (mut scratch, mut counts) = (WaveScratch::default(), RayCounts::default());
+        let mut out = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
+        self.trace(points, &mut out, &mut scratch, &mut counts);
+        (out, counts)
+    }
+
+    fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {
+        for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
+            dispatch(self.level, Wave { tracer: self, points, out, scratch: &mut *scratch, counts: &mut *counts });
+        }
+    }
+
+    fn block(&self, block: Region, scratch: &mut WaveScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
         let n = self.grid;
         let share = 1.0 / f64::from(n * n);
-        for j in block.y0..block.y1 {
-            for i in block.x0..block.x1 {
+        let (width, height) = (block.width() * n, block.height() * n);
+        // Packets are squares of 4 × 4 neighbouring samples.
+        let mut places = Vec::with_capacity((width * height) as usize);
+        for y0 in (0..height).step_by(4) {
+            for x0 in (0..width).step_by(4) {
+                for y in y0..height.min(y0 + 4) {
+                    places.extend((x0..width.min(x0 + 4)).map(|x| (x, y)));
+                }
+            }
+        }
+        let point = |&(x, y): &(u32, u32)| self.frame.point((block.x0 + x / n, block.y0 + y / n), (x % n, y % n));
+        let points: Vec<PlanePoint> = places.iter().map(point).collect();
+        let mut samples = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
+        self.trace(&points, &mut samples, scratch, counts);
+        let mut ordered = vec![DVec3::ZERO; points.len()];
+        for (&(x, y), s) in places.iter().zip(&samples) {
+            ordered[(y * width + x) as usize] = s.radiance;
+        }
+        let mut pixels = Vec::with_capacity(block.area() as usize);
+        for j in 0..block.height() {
+            for i in 0..block.width() {
                 let mut sum = DVec3::ZERO;
                 for b in 0..n {
-                    for a in 0..n {
-                        sum += self.sample(self.frame.point((i, j), (a, b)), scratch, counts).radiance;
-                    }
+                    let row = ((j * n + b) * width + i * n) as usize;
+                    sum = ordered[row..row + n as usize].iter().fold(sum, |sum, &x| sum + x);
                 }
                 pixels.push((sum * share).to_array().map(|c| c as f32));
             }

@@ -2,20 +2,18 @@
 
 use glam::DVec3;
 
-use super::arbiter::{self, Decision, ExactHit, ExactRay};
+use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST};
 use super::camera::PlanePoint;
 use super::query::{Closest, Occluded, Scratch};
-use super::texture::{self, Place};
+use super::shade::{self, Place};
+use super::texture;
 use super::{RayCounts, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
-use crate::geometry::{Ray, U, norm1, plane, sphere, triangle};
-use crate::scene::Pigment;
-
-/// Values whose bound exceeds this, as a share of what they can be, are taken from wide arithmetic.
-const VALUE: f64 = 1.0 / (1u64 << 20) as f64;
+use crate::geometry::{Ray, U, V3};
+use crate::scene::{Pigment, Scene};
 
 /// A hash step (the finaliser of SplitMix64).
-fn mix(hash: u64, word: u64) -> u64 {
+pub(crate) fn mix(hash: u64, word: u64) -> u64 {
     let x = (hash ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -25,22 +23,26 @@ fn mix(hash: u64, word: u64) -> u64 {
 /// Memory of a thread that traces paths.
 #[derive(Debug, Default)]
 pub(crate) struct PathScratch {
-    query: Scratch,
+    pub(crate) query: Scratch,
     trail: Vec<Decision>,
     cosines: Vec<f64>,
 }
 
 /// The path in wide arithmetic, followed only as far as it was asked about.
-struct ExactPath<'a> {
+struct ExactPath<'a, const N: usize> {
     tracer: &'a Tracer,
     point: PlanePoint,
     /// Decisions followed, and the ray after them.
-    at: Option<(usize, ExactRay)>,
+    at: Option<(usize, ExactRay<N>)>,
 }
 
-impl ExactPath<'_> {
+impl<'a, const N: usize> ExactPath<'a, N> {
+    fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
+        Self { tracer, point, at: None }
+    }
+
     /// The ray after all decisions of `trail`.
-    fn ray(&mut self, trail: &[Decision]) -> ExactRay {
+    fn ray(&mut self, trail: &[Decision]) -> ExactRay<N> {
         let (mut done, mut ray) = self.at.unwrap_or_else(|| (0, self.tracer.frame.exact_ray(self.point)));
         let scene = &self.tracer.prepared.scene;
         for &decision in &trail[done..] {
@@ -52,8 +54,65 @@ impl ExactPath<'_> {
     }
 
     /// The point met by the ray after all decisions of `trail`.
-    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit {
+    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit<N> {
         arbiter::hit(&self.tracer.prepared.scene, &self.ray(trail), decision)
+    }
+}
+
+/// Mirrors that a path in the first width may have behind it: each can cost it several bits.
+const SHORT: usize = 8;
+
+/// The path at both widths.
+struct Court<'a> {
+    first: ExactPath<'a, FIRST>,
+    last: ExactPath<'a, LAST>,
+}
+
+impl<'a> Court<'a> {
+    fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
+        Self { first: ExactPath::new(tracer, point), last: ExactPath::new(tracer, point) }
+    }
+
+    fn closest(&mut self, scene: &Scene, trail: &[Decision], candidates: &Scratch) -> Option<Decision> {
+        if trail.len() <= SHORT
+            && let Ok(found) = arbiter::closest(scene, &self.first.ray(trail), candidates.candidates())
+        {
+            return found.map(|(d, _)| d);
+        }
+        let ray = self.last.ray(trail);
+        arbiter::closest(scene, &ray, candidates.candidates()).ok().flatten().map(|(d, _)| d)
+    }
+
+    fn occluded(
+        &mut self,
+        scene: &Scene,
+        trail: &[Decision],
+        decision: Decision,
+        light: DVec3,
+        candidates: &Scratch,
+    ) -> bool {
+        if trail.len() <= SHORT {
+            let segment = self.first.hit(trail, decision).towards(light);
+            if let Ok(occluded) = arbiter::occluded(scene, &segment, candidates.candidates()) {
+                return occluded;
+            }
+        }
+        let segment = self.last.hit(trail, decision).towards(light);
+        arbiter::occluded(scene, &segment, candidates.candidates()).unwrap_or(false)
+    }
+
+    /// The point met, and the ray that met it.
+    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit<LAST> {
+        if trail.len() <= SHORT { self.first.hit(trail, decision).resize() } else { self.last.hit(trail, decision) }
+    }
+
+    /// The direction mirrored at `hit`, met after `trail`.
+    fn mirrored(&mut self, trail: &[Decision], hit: &ExactHit<LAST>) -> DVec3 {
+        if trail.len() <= SHORT {
+            hit.resize::<FIRST>().reflect(&self.first.ray(trail).d).d.to_f64()
+        } else {
+            hit.reflect(&self.last.ray(trail).d).d.to_f64()
+        }
     }
 }
 
@@ -63,7 +122,7 @@ impl Tracer {
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
-        let mut exact = ExactPath { tracer: self, point, at: None };
+        let mut exact = Court::new(self, point);
         let mut ray = self.frame.ray(point);
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
@@ -76,7 +135,7 @@ impl Tracer {
                 Closest::Sure(decision) => Some(decision),
                 Closest::Doubt => {
                     counts.refined += 1;
-                    arbiter::closest(scene, &exact.ray(trail), query.candidates()).map(|(d, _)| d)
+                    exact.closest(scene, trail, query)
                 }
             };
             let Some(decision) = decision else {
@@ -85,51 +144,45 @@ impl Tracer {
             signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = &self.materials[self.prepared.surface_of(decision.id).0 as usize];
             let mut place = self.place(&ray, decision, from);
-            let mut wide = self.too_wide(&place).then(|| exact.hit(trail, decision));
+            let mut wide = self.too_wide(&place, throughput).then(|| exact.hit(trail, decision));
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
                 let size = f64::from(picture_data.width().max(picture_data.height()));
-                let (mut uv, e) = texture::coordinates(scene, &self.prepared.local, &self.mappings, &place, &ray);
-                if wide.is_some() || !(e * size <= 1e-4) {
+                let (mut uv, e) =
+                    texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &place, &ray);
+                if wide.is_some() || !(e * size <= texture::TEXEL) {
                     let hit = wide.get_or_insert_with(|| exact.hit(trail, decision));
                     uv = texture::exact_coordinates(scene, &self.mappings, hit);
                 }
-                let wrap = match kind(scene, decision.id) {
-                    Kind::Sphere(_) => [true, false],
-                    Kind::Plane(_) => [true, true],
-                    Kind::Triangle(_) => [false, false],
-                };
+                let wrap = texture::wraps(kind(scene, decision.id));
                 color *= self.texels[picture.0 as usize].sample(picture_data, uv, wrap);
             }
             if let Some(hit) = &wide {
                 counts.refined += 1;
-                place.p = arbiter::to_local(&self.prepared.local, scene, &hit.p);
-                place.ep = 2.0 * U * norm1(place.p);
-                place.n = hit.n.to_f64();
-                place.en = 2.0 * U;
+                let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
+                place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
             }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
-                    let l = light - place.p;
+                    let light = V3::splat(light);
+                    let incidence = shade::incidence(&place, light, throughput);
                     let cosine = match &wide {
                         Some(hit) => hit.cosine(scene.lights()[k]),
-                        None => place.n.dot(l) / libm::sqrt(l.dot(l)),
+                        None => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
                         continue;
                     }
                     counts.shadow += 1;
-                    let el = (2.0 * U * (norm1(light) + norm1(l))) / libm::sqrt(l.dot(l));
-                    let shadow = Ray::new(place.p, l, place.ep, el);
+                    let shadow = shade::towards(&place, light, incidence.l);
                     let blocked = match self.prepared.occluded(&shadow, Some(decision), query) {
                         Occluded::No => false,
                         Occluded::Yes => true,
                         Occluded::Doubt => {
                             counts.refined += 1;
-                            let hit = exact.hit(trail, decision);
-                            arbiter::occluded(scene, &hit.towards(scene.lights()[k]), query.candidates())
+                            exact.occluded(scene, trail, decision, scene.lights()[k], query)
                         }
                     };
                     if !blocked {
@@ -147,14 +200,10 @@ impl Tracer {
             counts.mirror += 1;
             ray = match &wide {
                 Some(hit) => {
-                    let reflected = hit.reflect(&exact.ray(trail).d);
-                    let d = reflected.d.to_f64();
-                    Ray::new(place.p, d, place.ep, 4.0 * U)
+                    let d = exact.mirrored(trail, hit);
+                    Ray::new(place.p, V3::splat(d), place.ep, 4.0 * U)
                 }
-                None => {
-                    let d = ray.d - place.n * (2.0 * ray.d.dot(place.n));
-                    Ray::new(place.p, d, place.ep, (ray.ed + 4.2 * place.en) * (1.0 + 1e-6) + 24.0 * U)
-                }
+                None => shade::reflect(&ray, &place),
             };
             trail.push(decision);
             from = Some(decision);
@@ -165,52 +214,20 @@ impl Tracer {
     /// Where `ray` meets what it is known to meet, in f64.
     fn place(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> Place {
         let local = &self.prepared.local;
-        let (t, et, flat) = match kind(&self.prepared.scene, decision.id) {
-            Kind::Plane(i) => {
-                let plane = &local.planes[i];
-                let (t, e) = plane::distance(ray, plane);
-                (t, e, Some((plane.n, 4.0 * U)))
-            }
-            Kind::Triangle(i) => {
-                let f = triangle::forms(ray, &local.triangle(&self.prepared.scene.triangles()[i]));
-                let length = libm::sqrt(f.n.dot(f.n));
-                // A corner moved by pos turns the normal by pos over the height on the longest side.
-                (f.t, f.et, Some((f.n / length, self.tilt(&f, length))))
-            }
+        match kind(&self.prepared.scene, decision.id) {
+            Kind::Plane(i) => shade::on_plane(ray, &local.planes[i]),
+            Kind::Triangle(i) => shade::on_triangle(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
             Kind::Sphere(i) => {
+                let flag = |b: bool| if b { 1.0 } else { 0.0 };
                 let own = from.is_some_and(|f| f.id == decision.id);
-                let (t, e) = sphere::distance(ray, &local.spheres[i], decision.inside, own);
-                (t, e, None)
+                shade::on_sphere(ray, &local.spheres[i], flag(decision.inside), flag(own))
             }
-        };
-        let p = ray.o + ray.d * t;
-        let travel = t.abs() * ray.len;
-        let ep = et * ray.len + ray.eo + travel * ray.ed + 8.0 * U * (norm1(ray.o) + travel);
-        let (n, en) = match (flat, kind(&self.prepared.scene, decision.id)) {
-            (Some((n, en)), _) => (if n.dot(ray.d) > 0.0 { -n } else { n }, en),
-            (None, Kind::Sphere(i)) => {
-                let s = &local.spheres[i];
-                let n = (p - s.c) / s.r;
-                let en = (ep + 2.0 * U * norm1(s.c)) / s.r + 8.0 * U;
-                (if decision.inside { -n } else { n }, en)
-            }
-            (None, _) => (DVec3::ZERO, f64::INFINITY),
-        };
-        Place { id: decision.id, inside: decision.inside, p, ep, n, en }
-    }
-
-    /// Bound on a triangle's normal: its corners are misplaced by rounding alone, not by the ray.
-    fn tilt(&self, f: &triangle::Forms, length: f64) -> f64 {
-        f.corner_error * f.longest * 4.0 / length + 16.0 * U * f.longest * f.longest / length
+        }
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
-    fn too_wide(&self, place: &Place) -> bool {
-        let lights = &self.prepared.local.lights;
-        !(place.en <= VALUE)
-            || lights.iter().any(|&l| {
-                let d = l - place.p;
-                !(place.ep * place.ep <= VALUE * VALUE * d.dot(d))
-            })
+    fn too_wide(&self, place: &Place, throughput: f64) -> bool {
+        let excess = |&l: &DVec3| shade::incidence(place, V3::splat(l), throughput).excess;
+        !(place.en <= shade::NORMAL) || self.prepared.local.lights.iter().any(|l| !(excess(l) <= 0.0))
     }
 }

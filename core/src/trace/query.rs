@@ -5,7 +5,7 @@ use super::arbiter::Decision;
 use super::prepared::PreparedScene;
 use crate::bvh::{Boxes, Coordinate, Link, WIDTH, Wide};
 use crate::geometry::local::surface_and_order;
-use crate::geometry::{ObjectId, Ray, Span, TINY, U, norm1, plane, sphere, triangle};
+use crate::geometry::{ObjectId, Ray, Span, TINY, U, plane, sphere, triangle};
 use crate::scene::SurfaceId;
 
 /// What is met first.
@@ -53,8 +53,8 @@ struct Slabs {
 
 impl Slabs {
     fn new(ray: &Ray, reach: f64) -> Self {
-        let pad = 2.0 * (ray.eo + (ray.ed + 8.0 * U) * (reach + norm1(ray.o))) + TINY;
-        let (o, d) = (ray.o.to_array(), ray.d.to_array());
+        let pad = 2.0 * (ray.eo + (ray.ed + 8.0 * U) * (reach + ray.o.norm1())) + TINY;
+        let (o, d) = (ray.o.to_dvec3().to_array(), ray.d.to_dvec3().to_array());
         Self { minus: o.map(|x| x - pad), plus: o.map(|x| x + pad), inv: d.map(|x| 1.0 / x) }
     }
 
@@ -161,8 +161,8 @@ impl PreparedScene {
                     // The nearest is taken first.
                     stack[mark..].sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
                 }
-                Link::Leaf { start, count, .. } => {
-                    for &id in &wide.ids[start..start + count] {
+                Link::Leaf { kind, start, count } => {
+                    for &id in &wide.ids[usize::from(kind)][start..start + count] {
                         let id = ObjectId(id);
                         if let Some(span) = self.test(ray, id, from)
                             && span.lo <= *bound
@@ -189,6 +189,25 @@ impl PreparedScene {
             found.push((id, span));
             false
         });
+        Self::nearest(found, bound)
+    }
+
+    /// As [`Self::closest`], among `ids` alone.
+    pub(crate) fn closest_among(
+        &self,
+        ray: &Ray,
+        from: Option<Decision>,
+        ids: impl Iterator<Item = ObjectId>,
+        scratch: &mut Scratch,
+    ) -> Closest {
+        let found = &mut scratch.found;
+        found.clear();
+        found.extend(ids.filter_map(|id| Some((id, self.test(ray, id, from)?))));
+        let bound = found.iter().filter(|(_, s)| s.sure).map(|(_, s)| s.hi).fold(f64::INFINITY, f64::min);
+        Self::nearest(found, bound)
+    }
+
+    fn nearest(found: &mut Vec<(ObjectId, Span)>, bound: f64) -> Closest {
         found.retain(|(_, s)| s.lo <= bound);
         match found[..] {
             [] => Closest::Nothing,
@@ -216,6 +235,26 @@ impl PreparedScene {
             (false, true) => Occluded::No,
             (false, false) => Occluded::Doubt,
         }
+    }
+
+    /// As [`Self::occluded`], among `ids` alone.
+    pub(crate) fn occluded_among(
+        &self,
+        ray: &Ray,
+        from: Option<Decision>,
+        ids: impl Iterator<Item = ObjectId>,
+        scratch: &mut Scratch,
+    ) -> Occluded {
+        let found = &mut scratch.found;
+        found.clear();
+        for id in ids {
+            match self.test(ray, id, from) {
+                Some(s) if s.sure && s.hi < 1.0 => return Occluded::Yes,
+                Some(s) if s.lo < 1.0 => found.push((id, s)),
+                _ => {}
+            }
+        }
+        if found.is_empty() { Occluded::No } else { Occluded::Doubt }
     }
 
     /// The object's surface.

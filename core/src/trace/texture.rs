@@ -2,10 +2,24 @@
 
 use glam::{DVec2, DVec3};
 
-use super::arbiter::{Big, ExactHit, Vector};
+use super::arbiter::{Decision, ExactHit, LAST};
+use super::shade::Place;
 use crate::geometry::local::{Kind, kind};
-use crate::geometry::{Local, ObjectId, Ray, U, norm1, triangle};
+use crate::geometry::{Local, ObjectId, Ray, U, triangle};
+use crate::precise::{Big, Vector};
 use crate::scene::{Picture, Pigment, PlanePosition, Scene};
+
+/// The largest misplacement of a picture, in texels, that f64 is trusted with.
+pub(crate) const TEXEL: f64 = 1e-4;
+
+/// Whether a picture repeats along u and v on objects of a kind, or ends at its edges.
+pub(crate) fn wraps(kind: Kind) -> [bool; 2] {
+    match kind {
+        Kind::Sphere(_) => [true, false],
+        Kind::Plane(_) => [true, true],
+        Kind::Triangle(_) => [false, false],
+    }
+}
 
 /// How a picture lies on an object that has one.
 #[derive(Clone, Debug)]
@@ -13,9 +27,9 @@ pub(crate) struct Mapping {
     id: ObjectId,
     /// Sphere: unit equator, e × p, and pole. Plane: U, V, and nothing.
     axes: [DVec3; 3],
-    exact: [Vector; 2],
+    exact: [Vector<LAST>; 2],
     /// Plane: the picture's origin in world space, and in local space.
-    origin: Vector,
+    origin: Vector<LAST>,
     local_origin: DVec3,
 }
 
@@ -23,7 +37,7 @@ pub(crate) struct Mapping {
 pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
     let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Picture(_));
     let planes = scene.planes().iter().enumerate().filter(|(_, p)| pictured(p.surface)).map(|(i, p)| {
-        let n = Vector::new(p.normal).normalize();
+        let n = Vector::<LAST>::new(p.normal).normalize();
         let size = p.normal.abs();
         // The axis with the least |n·axis|, x before y before z.
         let t = if size.x <= size.y && size.x <= size.z {
@@ -45,7 +59,7 @@ pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
     });
     let first = scene.planes().len() as u32;
     let spheres = scene.orientations().iter().map(|&(i, o)| {
-        let p = Vector::new(o.pole).normalize();
+        let p = Vector::<LAST>::new(o.pole).normalize();
         let e = Vector::new(o.equator);
         let e = (e - p * e.dot(&p)).normalize();
         let b = e.cross(&p);
@@ -82,40 +96,29 @@ fn fraction(x: f64) -> f64 {
     if f < 1.0 { f } else { 0.0 }
 }
 
-/// A shading point in f64, as far as pictures need it.
-pub(crate) struct Place {
-    pub(crate) id: ObjectId,
-    pub(crate) inside: bool,
-    pub(crate) p: DVec3,
-    /// Bound on |p − p*|.
-    pub(crate) ep: f64,
-    /// Unit normal on the struck side and its bound.
-    pub(crate) n: DVec3,
-    pub(crate) en: f64,
-}
-
 /// (u, v) at `place`, met by `ray`, and the bound on their error.
 pub(crate) fn coordinates(
     scene: &Scene,
     local: &Local,
     mappings: &[Mapping],
+    decision: Decision,
     place: &Place,
     ray: &Ray,
 ) -> (DVec2, f64) {
-    match kind(scene, place.id) {
+    match kind(scene, decision.id) {
         Kind::Sphere(_) => {
-            let map = find(mappings, place.id);
-            let m = if place.inside { -place.n } else { place.n };
-            let uv = on_sphere(map, m);
+            let map = find(mappings, decision.id);
+            let m = if decision.inside { -place.n } else { place.n };
+            let uv = on_sphere(map, m.to_dvec3());
             // Near a pole, u turns by en over the sine of the colatitude.
             let sine = libm::sin(uv.y * std::f64::consts::PI).max(1e-300);
             (uv, (place.en + 8.0 * U) * (0.5 + 0.5 / sine))
         }
         Kind::Plane(_) => {
-            let map = find(mappings, place.id);
-            let at = place.p - map.local_origin;
+            let map = find(mappings, decision.id);
+            let at = place.p.to_dvec3() - map.local_origin;
             let world = |x: f64| crate::geometry::local::ldexp(x, local.power);
-            let e = world(place.ep + 8.0 * U * (norm1(place.p) + norm1(map.local_origin)));
+            let e = world(place.ep + 8.0 * U * (place.p.norm1() + map.local_origin.abs().element_sum()));
             (DVec2::new(fraction(world(at.dot(map.axes[0]))), fraction(world(at.dot(map.axes[1])))), e)
         }
         Kind::Triangle(i) => {
@@ -128,17 +131,17 @@ pub(crate) fn coordinates(
 }
 
 /// (u, v) at `hit`, from wide arithmetic.
-pub(crate) fn exact_coordinates(scene: &Scene, mappings: &[Mapping], hit: &ExactHit) -> DVec2 {
+pub(crate) fn exact_coordinates<const N: usize>(scene: &Scene, mappings: &[Mapping], hit: &ExactHit<N>) -> DVec2 {
     match kind(scene, hit.decision.id) {
         Kind::Sphere(_) => {
-            let m = hit.n.to_f64();
+            let m = hit.normal();
             on_sphere(find(mappings, hit.decision.id), if hit.decision.inside { -m } else { m })
         }
         Kind::Plane(_) => {
             let map = find(mappings, hit.decision.id);
-            let at = hit.p - map.origin;
-            let part = |axis: &Vector| {
-                let x = at.dot(axis);
+            let at = hit.p - map.origin.resize();
+            let part = |axis: &Vector<LAST>| {
+                let x = at.dot(&axis.resize());
                 let whole = x.to_f64().floor();
                 // Beyond 2^53 the nearest f64's floor may be off by whole units; once more settles it.
                 let rest = if whole.is_finite() { (x - Big::new(whole)).to_f64() } else { 0.0 };

@@ -1,0 +1,205 @@
+//! Vectors of AVX-512.
+//!
+//! Every method is inlined into a function that `dispatch` compiled with AVX-512 enabled and
+//! calls only where the processor has it: that is the reason each `unsafe` here is sound.
+
+use std::arch::x86_64::*;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use super::{Double, LANES, Mask, Simd, Single};
+use crate::geometry::Real;
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Avx512;
+
+impl Simd for Avx512 {
+    type Single = S16;
+    type Double = D8;
+    #[inline(always)]
+    fn narrow(low: D8, high: D8) -> S16 {
+        // SAFETY: the processor has AVX-512, see the module.
+        S16(unsafe {
+            let low = _mm512_castps256_ps512(_mm512_cvtpd_ps(low.0));
+            _mm512_insertf32x8::<1>(low, _mm512_cvtpd_ps(high.0))
+        })
+    }
+    #[inline(always)]
+    fn equal(x: &[u32; LANES], y: u32) -> Mask {
+        // SAFETY: as above; the array holds sixteen u32.
+        unsafe { _mm512_cmpeq_epi32_mask(_mm512_loadu_si512(x.as_ptr().cast()), _mm512_set1_epi32(y as i32)) }
+    }
+    #[inline(always)]
+    fn put(x: &mut [u32; LANES], mask: Mask, y: u32) {
+        // SAFETY: as above; the array has room for sixteen u32.
+        unsafe { _mm512_mask_storeu_epi32(x.as_mut_ptr().cast(), mask, _mm512_set1_epi32(y as i32)) }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub(crate) struct S16(__m512);
+
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub(crate) struct D8(__m512d);
+
+macro_rules! binary {
+    ($type:ident, $trait:ident, $method:ident, $intrinsic:ident) => {
+        impl $trait for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, b: Self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $intrinsic(self.0, b.0) })
+            }
+        }
+    };
+}
+
+binary!(S16, Add, add, _mm512_add_ps);
+binary!(S16, Sub, sub, _mm512_sub_ps);
+binary!(S16, Mul, mul, _mm512_mul_ps);
+binary!(D8, Add, add, _mm512_add_pd);
+binary!(D8, Sub, sub, _mm512_sub_pd);
+binary!(D8, Mul, mul, _mm512_mul_pd);
+binary!(D8, Div, div, _mm512_div_pd);
+
+impl Neg for S16 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_xor_ps(self.0, _mm512_set1_ps(-0.0)) })
+    }
+}
+
+impl Neg for D8 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_xor_pd(self.0, _mm512_set1_pd(-0.0)) })
+    }
+}
+
+impl Single for S16 {
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_set1_ps(x) })
+    }
+    #[inline(always)]
+    fn load(x: &[f32; LANES]) -> Self {
+        // SAFETY: as above; the array holds sixteen f32.
+        Self(unsafe { _mm512_loadu_ps(x.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32; LANES]) {
+        // SAFETY: as above; the array has room for sixteen f32.
+        unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_fmadd_ps(self.0, b.0, c.0) })
+    }
+    #[inline(always)]
+    fn recip(self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_div_ps(_mm512_set1_ps(1.0), self.0) })
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_sqrt_ps(self.0) })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_abs_ps(self.0) })
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_max_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_min_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Mask {
+        // SAFETY: the processor has AVX-512, see the module.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0) }
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Mask {
+        // SAFETY: the processor has AVX-512, see the module.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
+    }
+    #[inline(always)]
+    fn select(self, mask: Mask, other: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_mask_blend_ps(mask, other.0, self.0) })
+    }
+}
+
+impl Real for D8 {
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_set1_pd(x) })
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_sqrt_pd(self.0) })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_abs_pd(self.0) })
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_max_pd(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_min_pd(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn if_positive(self, a: Self, b: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe {
+            let m = _mm512_cmp_pd_mask::<_CMP_GT_OQ>(self.0, _mm512_setzero_pd());
+            _mm512_mask_blend_pd(m, b.0, a.0)
+        })
+    }
+}
+
+impl Double for D8 {
+    #[inline(always)]
+    fn load(x: &[f64; 8]) -> Self {
+        // SAFETY: the processor has AVX-512, see the module; the array holds eight f64.
+        Self(unsafe { _mm512_loadu_pd(x.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f64; 8]) {
+        // SAFETY: as above; the array has room for eight f64.
+        unsafe { _mm512_storeu_pd(to.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn positive(self) -> u8 {
+        // SAFETY: the processor has AVX-512, see the module.
+        unsafe { _mm512_cmp_pd_mask::<_CMP_GT_OQ>(self.0, _mm512_setzero_pd()) }
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> u8 {
+        // SAFETY: the processor has AVX-512, see the module.
+        unsafe { _mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0) }
+    }
+}

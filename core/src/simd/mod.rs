@@ -1,0 +1,141 @@
+//! Vectors of the machine, and the choice among them.
+//!
+//! The only room with `unsafe`. Code above is written once over [`Simd`] and compiled for
+//! each [`Level`] by [`dispatch`]; the level is found once, when the process first asks.
+//! No result depends on it: 64-bit operations are IEEE's in every lane, and 32-bit ones
+//! only filter, behind bounds that hold for any rounding and any fusing.
+
+#![expect(unsafe_code, reason = "vector instructions are behind unsafe; nothing else is in this folder")]
+
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod portable;
+
+use std::ops::{Add, Mul, Neg, Sub};
+use std::sync::OnceLock;
+
+use crate::geometry::Real;
+
+/// Lanes of an f32 vector: the rays of a packet.
+pub(crate) const LANES: usize = 16;
+
+/// A set of lanes, bit k for lane k.
+pub(crate) type Mask = u16;
+
+/// Sixteen f32.
+pub(crate) trait Single:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
+{
+    fn splat(x: f32) -> Self;
+    fn load(x: &[f32; LANES]) -> Self;
+    fn store(self, to: &mut [f32; LANES]);
+    /// self · b + c, with one rounding or two.
+    fn fma(self, b: Self, c: Self) -> Self;
+    /// 1 / self, rounded.
+    fn recip(self) -> Self;
+    fn sqrt(self) -> Self;
+    fn abs(self) -> Self;
+    /// The greater; `other` where either is NaN.
+    fn max(self, other: Self) -> Self;
+    /// The lesser; `other` where either is NaN.
+    fn min(self, other: Self) -> Self;
+    /// Lanes where self < other; not where either is NaN.
+    fn lt(self, other: Self) -> Mask;
+    /// Lanes where self ≤ other; not where either is NaN.
+    fn le(self, other: Self) -> Mask;
+    /// `self` in the lanes of `mask`, `other` elsewhere.
+    fn select(self, mask: Mask, other: Self) -> Self;
+}
+
+/// Eight f64.
+pub(crate) trait Double: Real {
+    fn load(x: &[f64; 8]) -> Self;
+    fn store(self, to: &mut [f64; 8]);
+    /// Lanes where self > 0.
+    fn positive(self) -> u8;
+    /// Lanes where self ≤ other; not where either is NaN.
+    fn le(self, other: Self) -> u8;
+}
+
+/// A set of vector types that one level offers.
+pub(crate) trait Simd: Copy + Send + Sync + 'static {
+    type Single: Single;
+    type Double: Double;
+    /// Sixteen f64 rounded to f32.
+    fn narrow(low: Self::Double, high: Self::Double) -> Self::Single;
+    /// Lanes of `x` that equal `y`.
+    fn equal(x: &[u32; LANES], y: u32) -> Mask;
+    /// `y` into the lanes of `mask`.
+    fn put(x: &mut [u32; LANES], mask: Mask, y: u32);
+}
+
+/// Which instructions are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Whatever the compiler's baseline offers, on any architecture.
+    Portable,
+    /// AVX2 and FMA.
+    Avx2,
+    /// AVX-512 F, BW, DQ and VL.
+    Avx512,
+}
+
+impl Level {
+    /// The best this machine offers.
+    #[must_use]
+    pub fn best() -> Self {
+        static BEST: OnceLock<Level> = OnceLock::new();
+        *BEST.get_or_init(|| Self::all().into_iter().next_back().unwrap_or(Self::Portable))
+    }
+
+    /// All that this machine offers, the plainest first.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let mut all = vec![Self::Portable];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                all.push(Self::Avx2);
+                if is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+                {
+                    all.push(Self::Avx512);
+                }
+            }
+        }
+        all
+    }
+}
+
+/// Work to be compiled for every level; `run` must be `#[inline(always)]`.
+pub(crate) trait Kernel {
+    type Output;
+    fn run<S: Simd>(self) -> Self::Output;
+}
+
+/// Runs `kernel` with the instructions of `level`, which must be one of [`Level::all`].
+pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
+    match level {
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => {
+            #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+            fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
+                kernel.run::<portable::Portable>()
+            }
+            // SAFETY: `Level` values come from `Level::all`, which asked the processor.
+            unsafe { with_avx2(kernel) }
+        }
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => {
+            #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+            fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
+                kernel.run::<avx512::Avx512>()
+            }
+            // SAFETY: as above.
+            unsafe { with_avx512(kernel) }
+        }
+        _ => kernel.run::<portable::Portable>(),
+    }
+}

@@ -1,0 +1,192 @@
+//! Vectors as arrays: what the compiler makes of them on any target.
+
+use std::array::from_fn;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use super::{Double, LANES, Mask, Simd, Single};
+use crate::geometry::Real;
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Portable;
+
+impl Simd for Portable {
+    type Single = S16;
+    type Double = D8;
+    #[inline(always)]
+    fn narrow(low: D8, high: D8) -> S16 {
+        S16(from_fn(|k| if k < 8 { low.0[k] as f32 } else { high.0[k - 8] as f32 }))
+    }
+    #[inline(always)]
+    fn equal(x: &[u32; LANES], y: u32) -> Mask {
+        mask16(|k| x[k] == y)
+    }
+    #[inline(always)]
+    fn put(x: &mut [u32; LANES], mask: Mask, y: u32) {
+        for (k, x) in x.iter_mut().enumerate() {
+            if mask >> k & 1 == 1 {
+                *x = y;
+            }
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(crate) struct S16([f32; LANES]);
+
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(crate) struct D8([f64; 8]);
+
+macro_rules! lanewise {
+    ($type:ident, $trait:ident, $method:ident, $op:tt) => {
+        impl $trait for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(mut self, b: Self) -> Self {
+                for (x, y) in self.0.iter_mut().zip(b.0) {
+                    *x = *x $op y;
+                }
+                self
+            }
+        }
+    };
+}
+
+lanewise!(S16, Add, add, +);
+lanewise!(S16, Sub, sub, -);
+lanewise!(S16, Mul, mul, *);
+lanewise!(D8, Add, add, +);
+lanewise!(D8, Sub, sub, -);
+lanewise!(D8, Mul, mul, *);
+lanewise!(D8, Div, div, /);
+
+impl Neg for S16 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|x| -x))
+    }
+}
+
+impl Neg for D8 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|x| -x))
+    }
+}
+
+#[inline(always)]
+fn mask16(f: impl Fn(usize) -> bool) -> Mask {
+    let mut m = 0;
+    for k in 0..LANES {
+        m |= Mask::from(f(k)) << k;
+    }
+    m
+}
+
+impl Single for S16 {
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self([x; LANES])
+    }
+    #[inline(always)]
+    fn load(x: &[f32; LANES]) -> Self {
+        Self(*x)
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32; LANES]) {
+        *to = self.0;
+    }
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        self * b + c
+    }
+    #[inline(always)]
+    fn recip(self) -> Self {
+        Self(self.0.map(|x| 1.0 / x))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f32::sqrt))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f32::abs))
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(from_fn(|k| if self.0[k] > other.0[k] { self.0[k] } else { other.0[k] }))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(from_fn(|k| if self.0[k] < other.0[k] { self.0[k] } else { other.0[k] }))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Mask {
+        mask16(|k| self.0[k] < other.0[k])
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Mask {
+        mask16(|k| self.0[k] <= other.0[k])
+    }
+    #[inline(always)]
+    fn select(self, mask: Mask, other: Self) -> Self {
+        Self(from_fn(|k| if mask >> k & 1 == 1 { self.0[k] } else { other.0[k] }))
+    }
+}
+
+impl Real for D8 {
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        Self([x; 8])
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(from_fn(|k| if self.0[k] > other.0[k] { self.0[k] } else { other.0[k] }))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(from_fn(|k| if self.0[k] < other.0[k] { self.0[k] } else { other.0[k] }))
+    }
+    #[inline(always)]
+    fn if_positive(self, a: Self, b: Self) -> Self {
+        Self(from_fn(|k| if self.0[k] > 0.0 { a.0[k] } else { b.0[k] }))
+    }
+}
+
+impl Double for D8 {
+    #[inline(always)]
+    fn load(x: &[f64; 8]) -> Self {
+        Self(*x)
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f64; 8]) {
+        *to = self.0;
+    }
+    #[inline(always)]
+    fn positive(self) -> u8 {
+        let mut m = 0;
+        for k in 0..8 {
+            m |= u8::from(self.0[k] > 0.0) << k;
+        }
+        m
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> u8 {
+        let mut m = 0;
+        for k in 0..8 {
+            m |= u8::from(self.0[k] <= other.0[k]) << k;
+        }
+        m
+    }
+}

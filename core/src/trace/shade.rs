@@ -1,0 +1,105 @@
+//! Where a ray meets what it is known to meet, and how light falls there: in f64, the same
+//! operations for one lane or many, each value with a bound on its error.
+
+use crate::geometry::plane::LocalPlane;
+use crate::geometry::sphere::LocalSphere;
+use crate::geometry::triangle::LocalTriangle;
+use crate::geometry::{Ray, Real, U, V3, plane, sphere, triangle};
+
+/// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic.
+pub(crate) const VALUE: f64 = 1.0 / (1u64 << 16) as f64;
+
+/// Normals less sure than this ask for wide arithmetic whatever they contribute: beyond it the
+/// bounds' first-order terms would no longer dominate.
+pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 12) as f64;
+
+/// A point of a surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place<R = f64> {
+    pub(crate) p: V3<R>,
+    /// Bound on |p − p*|.
+    pub(crate) ep: R,
+    /// Unit normal on the side the ray strikes.
+    pub(crate) n: V3<R>,
+    /// Bound on |n − n*|.
+    pub(crate) en: R,
+}
+
+#[inline(always)]
+fn point<R: Real>(ray: &Ray<R>, t: R, et: R) -> (V3<R>, R) {
+    let p = ray.o + ray.d * t;
+    let travel = t.abs() * ray.len;
+    let ep = et * ray.len + ray.eo + travel * ray.ed + R::splat(8.0 * U) * (ray.o.norm1() + travel);
+    (p, ep)
+}
+
+/// `n`, turned against the ray.
+#[inline(always)]
+fn against<R: Real>(ray: &Ray<R>, n: V3<R>) -> V3<R> {
+    V3::if_positive(n.dot(ray.d), -n, n)
+}
+
+#[inline(always)]
+pub(crate) fn on_plane<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> Place<R> {
+    let (t, et) = plane::distance(ray, plane);
+    let (p, ep) = point(ray, t, et);
+    Place { p, ep, n: against(ray, plane.n), en: R::splat(4.0 * U) }
+}
+
+#[inline(always)]
+pub(crate) fn on_triangle<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Place<R> {
+    let f = triangle::forms(ray, tri);
+    let length = f.n.dot(f.n).sqrt();
+    let (p, ep) = point(ray, f.t, f.et);
+    // A corner moved turns the normal by as much over the triangle's height.
+    let en = (f.corner_error * f.longest * R::splat(4.0) + R::splat(16.0 * U) * f.longest * f.longest) / length;
+    Place { p, ep, n: against(ray, f.n * (R::splat(1.0) / length)), en }
+}
+
+/// `inner` > 0 where the inner side is struck, `own` > 0 where the ray starts on this sphere.
+#[inline(always)]
+pub(crate) fn on_sphere<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, own: R) -> Place<R> {
+    let (near, far, e) = sphere::distances(ray, s);
+    let (other, e_other) = sphere::other_root(ray, s);
+    let t = own.if_positive(other, inner.if_positive(far, near));
+    let (p, ep) = point(ray, t, own.if_positive(e_other, e));
+    let n = (p - s.c) * (R::splat(1.0) / s.r);
+    let en = (ep + R::splat(2.0 * U) * s.c.norm1()) / s.r + R::splat(8.0 * U);
+    Place { p, ep, n: V3::if_positive(inner, -n, n), en }
+}
+
+/// Light from `light` at `place`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Incidence<R> {
+    /// n · l; not above 0 where the light is behind the surface.
+    pub(crate) cosine: R,
+    /// From the place to the light.
+    pub(crate) l: V3<R>,
+    /// Above 0 where the place, or its normal, is too uncertain for the light's effect.
+    pub(crate) excess: R,
+}
+
+/// `throughput` is what the path has left of the light.
+#[inline(always)]
+pub(crate) fn incidence<R: Real>(place: &Place<R>, light: V3<R>, throughput: R) -> Incidence<R> {
+    let l = light - place.p;
+    let distance = l.dot(l).sqrt();
+    let cosine = place.n.dot(l) / distance;
+    let excess = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
+    Incidence { cosine, l, excess }
+}
+
+/// The segment from `place` to `light` as a ray of length 1.
+#[inline(always)]
+pub(crate) fn towards<R: Real>(place: &Place<R>, light: V3<R>, l: V3<R>) -> Ray<R> {
+    let el = R::splat(2.0 * U) * (light.norm1() + l.norm1()) / l.dot(l).sqrt();
+    Ray::new(place.p, l, place.ep, el)
+}
+
+/// The mirrored ray.
+#[inline(always)]
+pub(crate) fn reflect<R: Real>(ray: &Ray<R>, place: &Place<R>) -> Ray<R> {
+    let d = ray.d - place.n * (R::splat(2.0) * ray.d.dot(place.n));
+    let ed = (ray.ed + R::splat(4.2) * place.en) * R::splat(1.0 + 1e-6) + R::splat(24.0 * U);
+    Ray::new(place.p, d, place.ep, ed)
+}

@@ -1,0 +1,105 @@
+//! Parts, in document order, into one scene.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use super::diagnostic::Code;
+use super::finding::{Finding, Findings, Limits};
+use super::part::Part;
+use super::source::shown;
+use crate::scene::{Picture, PictureId, SceneBuilder, pixmap};
+
+/// Samples of all pictures of a scene together.
+const MAX_SAMPLES: usize = 2 * Picture::MAX_SAMPLES;
+
+/// A scene in the making.
+#[derive(Debug)]
+pub(super) struct Assembly<'b> {
+    pub scene: SceneBuilder,
+    pub findings: Findings,
+    /// Whether any light was found.
+    pub lit: bool,
+    /// Whether white space was seen between elements, outside the fast lane.
+    pub blank: bool,
+    /// Whether reading ended before the text did.
+    pub cut: bool,
+    base_dir: Option<&'b Path>,
+    /// Pictures by name as written; `None` where loading failed.
+    by_name: HashMap<String, Option<PictureId>>,
+    /// The same by real path: two names of one file are one picture.
+    by_path: HashMap<PathBuf, PictureId>,
+    samples: usize,
+}
+
+impl<'b> Assembly<'b> {
+    pub(super) fn new(limits: Limits, base_dir: Option<&'b Path>) -> Self {
+        Self {
+            scene: SceneBuilder::new(),
+            findings: Findings::new(limits),
+            lit: false,
+            blank: false,
+            cut: false,
+            base_dir,
+            by_name: HashMap::new(),
+            by_path: HashMap::new(),
+            samples: 0,
+        }
+    }
+
+    /// Adds the next part.
+    pub(super) fn add(&mut self, mut part: Part) {
+        self.lit |= part.lit();
+        self.blank |= part.blank;
+        let limits = part.findings.limits();
+        self.findings.append(std::mem::replace(&mut part.findings, Findings::new(limits)));
+        let mut pictures = Vec::with_capacity(part.files.len());
+        for (name, at) in std::mem::take(&mut part.files) {
+            pictures.extend(self.picture(name, at));
+        }
+        // Once something is wrong, the rest is only looked through for more.
+        if self.findings.errors > 0 {
+            return;
+        }
+        if let Err(invalid) = part.build(&mut self.scene, &pictures) {
+            self.findings.push(Finding::new(Code::TooLarge, 0..0, format!("the scene cannot be built: {invalid}")));
+        }
+    }
+
+    fn picture(&mut self, name: String, at: Range<usize>) -> Option<PictureId> {
+        if let Some(known) = self.by_name.get(&name) {
+            return *known;
+        }
+        let loaded = self.load(&name);
+        let id = match loaded {
+            Ok(id) => Some(id),
+            Err(why) => {
+                self.findings.push_with(super::Severity::Error, || {
+                    Finding::new(Code::Picture, at, format!("the picture `{}` cannot be used: {why}", shown(&name)))
+                        .expected("a portable pixmap (P3 or P6), named relative to the scene file's folder")
+                });
+                None
+            }
+        };
+        self.by_name.insert(name, id);
+        id
+    }
+
+    fn load(&mut self, name: &str) -> Result<PictureId, String> {
+        let base = self.base_dir.ok_or("the scene has no folder to look it up from")?;
+        let path = base.join(name);
+        // What cannot be resolved is left to the loader, which says why.
+        let real = path.canonicalize().unwrap_or_else(|_| path.clone());
+        if let Some(&id) = self.by_path.get(&real) {
+            return Ok(id);
+        }
+        let picture = pixmap::load(&path).map_err(|e| e.to_string())?;
+        self.samples += 3 * picture.width() as usize * picture.height() as usize;
+        if self.samples > MAX_SAMPLES {
+            return Err(format!("the scene's pictures together have more than {MAX_SAMPLES} samples"));
+        }
+        let id = self.scene.picture(picture).map_err(|e| e.to_string())?;
+        self.by_path.insert(real, id);
+        Ok(id)
+    }
+}
