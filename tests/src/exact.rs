@@ -10,7 +10,7 @@ use std::cmp::Ordering::{self, Equal, Greater, Less};
 use dashu_float::FBig;
 use dashu_float::round::mode::HalfEven;
 use glam::DVec3;
-use tessera_core::scene::{PlanePosition, Scene};
+use tessera_core::scene::{PlanePosition, Scene, Triangle};
 
 /// A dyadic rational, exact under addition and multiplication.
 type Dyadic = FBig<HalfEven, 2>;
@@ -145,7 +145,13 @@ pub fn distance(scene: &Scene, order: u32, origin: DVec3, direction: DVec3) -> O
             _ => Some(Distance::Root { a, b, c, far: true }),
         };
     }
-    let t = scene.triangles().iter().find(|t| t.order == order)?;
+    scene.triangles().iter().find(|t| t.order == order).and_then(|t| to_triangle(t, origin, direction))
+}
+
+/// Where the ray meets the triangle.
+#[must_use]
+pub fn to_triangle(t: &Triangle, origin: DVec3, direction: DVec3) -> Option<Distance> {
+    let (o, d) = (vector(origin), vector(direction));
     let [c0, p, q] = t.written.map(vector);
     let [e1, e2] = if t.by_sides() { [p, q] } else { [sub(&p, &c0), sub(&q, &c0)] };
     let n = cross(&e1, &e2);

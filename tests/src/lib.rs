@@ -14,3 +14,4 @@ pub mod peers;
 pub mod pigment;
 pub mod program;
 pub mod reference;
+pub mod subject;

@@ -20,6 +20,8 @@ pub(super) struct Assembly<'b> {
     pub findings: Findings,
     /// Whether any light was found.
     pub lit: bool,
+    /// Whether white space was seen between elements, outside the fast lane.
+    pub blank: bool,
     /// Whether reading ended before the text did.
     pub cut: bool,
     base_dir: Option<&'b Path>,
@@ -36,6 +38,7 @@ impl<'b> Assembly<'b> {
             scene: SceneBuilder::new(),
             findings: Findings::new(limits),
             lit: false,
+            blank: false,
             cut: false,
             base_dir,
             by_name: HashMap::new(),
@@ -47,6 +50,7 @@ impl<'b> Assembly<'b> {
     /// Adds the next part.
     pub(super) fn add(&mut self, mut part: Part) {
         self.lit |= part.lit();
+        self.blank |= part.blank;
         let limits = part.findings.limits();
         self.findings.append(std::mem::replace(&mut part.findings, Findings::new(limits)));
         let mut pictures = Vec::with_capacity(part.files.len());

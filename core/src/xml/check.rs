@@ -145,6 +145,7 @@ impl Checker<'_, '_> {
     /// Whether a node between elements is text that may not be there.
     fn no_text(&mut self, node: Node<'_, '_>, parent: &str, content: &str) {
         let Some(text) = node.text().filter(|_| node.is_text()) else { return };
+        self.part.blank = true;
         let Some(first) = text.find(|c| !matches!(c, ' ' | '\t' | '\r' | '\n')) else { return };
         let range = node.range();
         let written = &self.source[range.clone()];

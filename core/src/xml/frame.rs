@@ -19,6 +19,8 @@ use super::{prolog, syntax};
 pub(super) struct Outline {
     /// What the parser is not shown: byte order mark, XML declaration, DOCTYPE.
     blanks: Vec<Range<usize>>,
+    /// The `yes` of `standalone="yes"`.
+    pub standalone: Option<Range<usize>>,
     /// The root's name.
     root: Option<Range<usize>>,
     /// The world's start tag.
@@ -27,10 +29,14 @@ pub(super) struct Outline {
 
 /// Walks through the text up to the world's start tag.
 pub(super) fn outline(text: &str, start: usize, findings: &mut Findings) -> Outline {
-    let mut outline = Outline { blanks: Vec::new(), root: None, world: None };
+    let mut outline = Outline { blanks: Vec::new(), standalone: None, root: None, world: None };
     let mut at = start;
     match prolog::declaration(text, start) {
-        Ok(declaration) => at = declaration.map_or(start, |d| d.end),
+        Ok(None) => {}
+        Ok(Some(declaration)) => {
+            at = declaration.end;
+            outline.standalone = declaration.standalone;
+        }
         Err(finding) => {
             findings.push(finding);
             at = memchr::memmem::find(&text.as_bytes()[at..], b"?>").map_or(start, |i| start + i + 2);

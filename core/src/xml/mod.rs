@@ -200,6 +200,8 @@ fn document(text: &str, start: usize, limits: Limits, tuning: Tuning, assembly: 
         assembly.findings.append(findings);
         return;
     }
+    // The fast lane does not notice white space, which a stand-alone document may not have.
+    let tuning = Tuning { fast: tuning.fast && outline.standalone.is_none(), ..tuning };
     let close = match &outline.world {
         Some(world) if world.kind == (lex::Kind::Start { empty: false }) => {
             Some(world::children(text, world, tuning, limits, assembly))
@@ -207,6 +209,17 @@ fn document(text: &str, start: usize, limits: Limits, tuning: Tuning, assembly: 
         _ => None,
     };
     frame::check(text, &outline, close, limits, findings, assembly);
+    if let Some(yes) = outline.standalone.filter(|_| assembly.blank) {
+        assembly.findings.push(
+            finding::Finding::new(
+                Code::UnexpectedContent,
+                yes,
+                "a document that is `standalone` may have no white space between its elements",
+            )
+            .expected("standalone=\"no\", or nothing about it: only declarations outside tell white space from text")
+            .suggest(Some("no")),
+        );
+    }
 }
 
 fn failed(name: &str, message: String) -> ReadError {

@@ -83,6 +83,8 @@ pub(super) struct Part {
     /// Pictures' file names and where each was first named.
     pub files: Vec<(String, Range<usize>)>,
     pub findings: Findings,
+    /// Whether white space was seen between elements. The fast lane does not look.
+    pub blank: bool,
 }
 
 impl Part {
@@ -97,6 +99,7 @@ impl Part {
             surface_ids: HashMap::new(),
             files: Vec::new(),
             findings: Findings::new(limits),
+            blank: false,
         }
     }
 

@@ -16,6 +16,8 @@ pub(super) struct Declaration {
     pub end: usize,
     /// The declared encoding's name.
     pub encoding: Option<Range<usize>>,
+    /// The `yes` of `standalone="yes"`.
+    pub standalone: Option<Range<usize>>,
 }
 
 /// A cursor that fails with a finding.
@@ -105,18 +107,20 @@ pub(super) fn declaration(text: &str, start: usize) -> Result<Option<Declaration
         encoding = Some(name);
         spaced = c.space();
     }
+    let mut standalone = None;
     if spaced && c.eat("standalone") {
         let value = c.value()?;
         if !["yes", "no"].contains(&&text[value.clone()]) {
             c.at = value.start;
             return Err(c.fail("standalone is `yes` or `no`"));
         }
+        standalone = Some(value.clone()).filter(|v| &text[v.clone()] == "yes");
         c.space();
     }
     if !c.eat("?>") {
         return Err(c.fail("`?>` should end it here"));
     }
-    Ok(Some(Declaration { end: c.at, encoding }))
+    Ok(Some(Declaration { end: c.at, encoding, standalone }))
 }
 
 /// A DOCTYPE that was read.

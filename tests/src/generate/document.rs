@@ -36,6 +36,12 @@ impl Look {
         Self::new(r, g, b, 1.0, 0.0)
     }
 
+    /// Matte white, as where a document says nothing.
+    #[must_use]
+    pub const fn default_matte() -> Self {
+        Self::matte(1.0, 1.0, 1.0)
+    }
+
     /// A colour with both shares.
     #[must_use]
     pub const fn new(r: f64, g: f64, b: f64, diffuse: f64, reflect: f64) -> Self {
