@@ -194,3 +194,49 @@ fn times() {
         }
     }
 }
+
+/// A small generator of numbers that look random (Marsaglia's xorshift), always the same.
+struct Noise(u64);
+
+impl Noise {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as usize % n
+    }
+}
+
+#[test]
+fn damaged_files_are_read_or_refused() {
+    let folder = folder();
+    let mut noise = Noise(0x9e37_79b9_7f4a_7c15);
+    for (name, depth) in [
+        ("a.png", Depth::Eight),
+        ("b.png", Depth::Sixteen),
+        ("a.ppm", Depth::Sixteen),
+        ("a.pfm", Depth::Eight),
+        ("a.exr", Depth::Eight),
+    ] {
+        let path = folder.path().join(name);
+        let output = Output::plan(&path, depth, Transfer::Srgb).unwrap();
+        output.write(13, 7, PixelsRef::F32(&pixels(13, 7))).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let mut refused = 0;
+        for _ in 0..300 {
+            let mut bytes = whole.clone();
+            for _ in 0..=noise.below(3) {
+                // The header is where the harm is.
+                let at = if noise.below(2) == 0 { noise.below(bytes.len()) } else { noise.below(bytes.len().min(400)) };
+                bytes[at] = noise.below(256) as u8;
+            }
+            if noise.below(5) == 0 {
+                bytes.truncate(noise.below(bytes.len()));
+            }
+            std::fs::write(&path, bytes).unwrap();
+            // Neither a panic nor, at these sizes, more memory than a test may take.
+            refused += u32::from(read(&path).is_err());
+        }
+        assert!(refused > 20, "{name}: {refused} refused");
+    }
+}
