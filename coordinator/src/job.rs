@@ -9,6 +9,9 @@ use tessera_core::scene::Scene;
 use tessera_core::settings::Settings;
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_proto::{PixelFormat, Pixels};
+use worker::{Exact, Studio};
+
+use crate::farm::Timing;
 
 /// The scene of a job.
 #[derive(Clone, Debug)]
@@ -74,6 +77,10 @@ pub struct RenderJob {
     pub threads: usize,
     /// How long to go on without any worker.
     pub patience: Duration,
+    /// How long other things may take.
+    pub timing: Timing,
+    /// What renders tiles in this process: the tracer, or in tests something else.
+    pub studio: Arc<dyn Studio>,
 }
 
 impl RenderJob {
@@ -90,6 +97,8 @@ impl RenderJob {
             workers: 2,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             patience: Duration::from_secs(30),
+            timing: Timing::default(),
+            studio: Arc::new(Exact),
         }
     }
 }
@@ -183,12 +192,15 @@ pub enum RenderError {
     #[error("the region {},{} to {},{} reaches outside the picture", .0.x0, .0.y0, .0.x1, .0.y1)]
     Region(Region),
     /// Nobody was there to render for too long.
-    #[error("no worker for {} s: {}", .waited.as_secs(), if *.ever { "all were lost" } else { "none came" })]
+    #[error("no worker for {} s: {}{}", .waited.as_secs(), if *.ever { "all were lost" } else { "none came" },
+        .last.as_ref().map(|l| format!("; the last: {l}")).unwrap_or_default())]
     NoWorkers {
         /// How long nobody was there.
         waited: Duration,
         /// Whether there had been a worker before.
         ever: bool,
+        /// Why the last one left.
+        last: Option<String>,
     },
     /// A tile failed wherever it was tried.
     #[error("tile {},{} to {},{} failed on {attempts} workers; last: {cause}", .region.x0, .region.y0, .region.x1, .region.y1)]

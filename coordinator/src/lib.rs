@@ -3,7 +3,8 @@
 mod farm;
 mod job;
 pub mod povray;
+mod scheduler;
 
-pub use farm::{Farm, render};
+pub use farm::{Farm, Timing, render};
 pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -1,1 +1,7 @@
-fn main() {}
+//! The `coordinator` program: render, check, compare.
+
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::run().into()
+}

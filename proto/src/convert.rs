@@ -314,7 +314,7 @@ pub struct TileDone {
     pub lease: LeaseId,
     /// The attempt it repeats.
     pub attempt: Attempt,
-    /// As they came; [`pixels_of`] reads them.
+    /// As they came.
     pub pixels: Bytes,
     /// Rays of it.
     pub rays: RayCounts,
@@ -369,42 +369,31 @@ pub fn pixel_bytes(pixels: &Pixels) -> Bytes {
     }
 }
 
-/// The pixels of `region` from bytes of `format`.
+/// Whether `bytes` may be pixels of `format` at all: a whole number of them, not too many, and
+/// every float finite. Whether they fit their lease is for whoever knows the lease.
 ///
 /// # Errors
-/// When there are too many or too few, or a float is not finite.
-pub fn pixels_of(bytes: &[u8], format: PixelFormat, region: &Region) -> Result<Pixels, Malformed> {
-    let wanted = region.area() as usize * format.bytes_per_pixel();
-    if bytes.len() != wanted {
-        return Err(Malformed::PixelBytes { got: bytes.len(), wanted });
+/// When they may not.
+pub fn check_pixels(bytes: &[u8], format: PixelFormat) -> Result<(), Malformed> {
+    let one = format.bytes_per_pixel();
+    if bytes.is_empty() || bytes.len() % one != 0 || (bytes.len() / one) as u64 > MAX_TILE_PIXELS {
+        return Err(Malformed::Range("the number of pixels"));
     }
-    Ok(match format {
-        PixelFormat::Rgb8 => Pixels::Rgb8(bytes.as_chunks::<3>().0.to_vec()),
-        PixelFormat::Rgb16 => Pixels::Rgb16(
-            bytes
-                .as_chunks::<6>()
-                .0
-                .iter()
-                .map(|&[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]].map(u16::from_le_bytes))
-                .collect(),
-        ),
-        PixelFormat::F32 => {
-            let component = |c: &[u8; 4]| f32::from_le_bytes(*c);
-            let pixels: Vec<[f32; 3]> = bytes
-                .as_chunks::<12>()
-                .0
-                .iter()
-                .map(|p| {
-                    let (c, _) = p.as_chunks::<4>();
-                    std::array::from_fn(|i| component(&c[i]))
-                })
-                .collect();
-            if !pixels.as_flattened().iter().all(|c| c.is_finite()) {
-                return Err(Malformed::NotFinite);
-            }
-            Pixels::F32(pixels)
-        }
-    })
+    let finite = |b: &[u8; 4]| f32::from_le_bytes(*b).is_finite();
+    // Without an early end, so that the loop is a vector one.
+    if format == PixelFormat::F32 && !bytes.as_chunks::<4>().0.iter().fold(true, |all, b| all & finite(b)) {
+        return Err(Malformed::NotFinite);
+    }
+    Ok(())
+}
+
+/// Whether `bytes` are as many pixels of `format` as `region` has.
+///
+/// # Errors
+/// When they are not.
+pub fn check_size(bytes: &[u8], format: PixelFormat, region: &Region) -> Result<(), Malformed> {
+    let wanted = region.area() as usize * format.bytes_per_pixel();
+    if bytes.len() == wanted { Ok(()) } else { Err(Malformed::PixelBytes { got: bytes.len(), wanted }) }
 }
 
 #[cfg(test)]
@@ -463,16 +452,33 @@ mod tests {
             Pixels::Rgb16(vec![[1, 2, 300], [4, 5, u16::MAX]]),
             Pixels::F32(vec![[0.0, -0.0, 1e-40], [1.5, 1e30, 0.1]]),
         ] {
-            let bytes = pixel_bytes(&pixels);
-            assert_eq!(pixels_of(&bytes, pixels.format(), &region).unwrap(), pixels);
-            let wanted = bytes.len();
-            for got in [0, wanted - 1] {
-                let e = pixels_of(&bytes[..got], pixels.format(), &region).unwrap_err();
-                assert_eq!(e, Malformed::PixelBytes { got, wanted });
+            let (bytes, format) = (pixel_bytes(&pixels), pixels.format());
+            assert_eq!(check_pixels(&bytes, format), Ok(()));
+            assert_eq!(check_size(&bytes, format, &region), Ok(()));
+            let mut back = Pixels::black(format, 4);
+            back.put(1, &bytes);
+            let mut wanted = Pixels::black(format, 1);
+            match (&mut wanted, &pixels) {
+                (Pixels::Rgb8(w), Pixels::Rgb8(p)) => w.extend(p),
+                (Pixels::Rgb16(w), Pixels::Rgb16(p)) => w.extend(p),
+                (Pixels::F32(w), Pixels::F32(p)) => w.extend(p),
+                _ => unreachable!(),
             }
+            match &mut wanted {
+                Pixels::Rgb8(w) => w.push([0; 3]),
+                Pixels::Rgb16(w) => w.push([0; 3]),
+                Pixels::F32(w) => w.push([0.0; 3]),
+            }
+            assert_eq!(back, wanted);
+            assert!(check_size(&bytes[..bytes.len() / 2], format, &region).is_err());
+            assert!(check_pixels(&bytes[1..], format).is_err());
+            assert!(check_pixels(&[], format).is_err());
+            assert!(check_pixels(&vec![0; format.bytes_per_pixel() * 65_537], format).is_err());
         }
-        let nan = pixel_bytes(&Pixels::F32(vec![[0.0; 3], [0.0, f32::NAN, 0.0]]));
-        assert_eq!(pixels_of(&nan, PixelFormat::F32, &region), Err(Malformed::NotFinite));
+        for bad in [f32::NAN, f32::INFINITY] {
+            let bytes = pixel_bytes(&Pixels::F32(vec![[0.0; 3], [0.0, bad, 0.0]]));
+            assert_eq!(check_pixels(&bytes, PixelFormat::F32), Err(Malformed::NotFinite));
+        }
     }
 
     #[test]

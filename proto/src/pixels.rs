@@ -65,6 +65,28 @@ impl Pixels {
         }
     }
 
+    /// Overwrites pixels from index `at` on with `bytes` of their own format.
+    ///
+    /// # Panics
+    /// When the bytes reach beyond the end.
+    pub fn put(&mut self, at: usize, bytes: &[u8]) {
+        let count = bytes.len() / self.format().bytes_per_pixel();
+        let range = at..at + count;
+        match self {
+            Self::Rgb8(p) => p[range].as_flattened_mut().copy_from_slice(&bytes[..3 * count]),
+            Self::Rgb16(p) => {
+                for (c, b) in p[range].as_flattened_mut().iter_mut().zip(bytes.as_chunks().0) {
+                    *c = u16::from_le_bytes(*b);
+                }
+            }
+            Self::F32(p) => {
+                for (c, b) in p[range].as_flattened_mut().iter_mut().zip(bytes.as_chunks().0) {
+                    *c = f32::from_le_bytes(*b);
+                }
+            }
+        }
+    }
+
     /// Whether there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {

@@ -5,11 +5,13 @@
 //! whose every decision is proven or counted as a tie; [`exact`] answers questions
 //! about a single ray and object in exact arithmetic.
 
+pub mod cluster;
 pub mod compare;
 pub mod exact;
 pub mod generate;
 pub mod oracle;
 pub mod peers;
 pub mod pigment;
+pub mod program;
 pub mod reference;
 pub mod subject;

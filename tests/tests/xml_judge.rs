@@ -329,7 +329,10 @@ fn tags(text: &str, from: usize) -> Vec<(usize, usize)> {
 
 fn mutate(r: &mut Random, text: &mut String, from: usize) {
     let tags = tags(text, from);
-    let tag = |r: &mut Random| if tags.is_empty() { (from, from) } else { tags[r.below(tags.len())] };
+    if tags.is_empty() {
+        return;
+    }
+    let tag = |r: &mut Random| tags[r.below(tags.len())];
     match r.below(14) {
         0 => {
             let at = place(r, text, from);
@@ -493,7 +496,8 @@ fn agrees_with_xmllint_on_every_mutation() {
     let mut texts = Vec::with_capacity(CASES);
     while texts.len() < CASES {
         let (mut text, root) = document(&mut r);
-        let mutations = if texts.len() % 10 == 0 { 0 } else { 1 + r.below(3) };
+        // Most are broken once: a second mistake could hide a wrong verdict on the first.
+        let mutations = [0, 1, 1, 1, 1, 1, 2, 3][texts.len() % 8];
         for _ in 0..mutations {
             mutate(&mut r, &mut text, root);
         }
@@ -522,5 +526,5 @@ fn agrees_with_xmllint_on_every_mutation() {
     println!("{CASES} documents, {valid} of them valid");
     assert!(differ == 0, "{differ} of {CASES} verdicts differ\n{differing}");
     // A judge who always says the same judges nothing.
-    assert!(valid > CASES / 5 && valid < CASES * 4 / 5, "{valid} of {CASES} are valid");
+    assert!(valid > CASES / 6 && valid < CASES * 5 / 6, "{valid} of {CASES} are valid");
 }

@@ -1,1 +1,134 @@
-//! Stub.
+//! Traces tiles for a coordinator.
+//!
+//! [`run`] keeps a worker at work: it dials a coordinator, registers, renders what
+//! it is leased, and dials again when the connection breaks. The same code runs in
+//! the `worker` program and inside a coordinator's own process.
+
+mod address;
+mod backoff;
+mod cache;
+mod error;
+mod heart;
+mod render;
+mod session;
+mod studio;
+
+use std::sync::Arc;
+
+use tessera_proto::InstanceId;
+use tokio_util::sync::CancellationToken;
+
+pub use address::{Address, AddressError};
+pub use backoff::Backoff;
+pub use error::WorkerError;
+pub use studio::{Exact, Studio, TileTracer};
+
+use cache::SceneCache;
+use session::{Outcome, Session};
+
+/// What a worker is told once.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Where the coordinator is.
+    pub connect: Address,
+    /// Threads that render, at least 1.
+    pub threads: usize,
+    /// Name shown to people.
+    pub name: String,
+    /// Whether to leave when the coordinator has no more work, rather than to wait for the next.
+    pub once: bool,
+    /// The scene of a coordinator in this process.
+    pub local: Option<LocalScene>,
+    /// What renders tiles.
+    pub studio: Arc<dyn Studio>,
+    /// How long to wait between attempts to connect.
+    pub backoff: Backoff,
+}
+
+impl Config {
+    /// A worker like the program's: every core, the exact tracer.
+    #[must_use]
+    pub fn new(connect: Address) -> Self {
+        Self {
+            connect,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            name: "worker".into(),
+            once: false,
+            local: None,
+            studio: Arc::new(Exact),
+            backoff: Backoff::default(),
+        }
+    }
+}
+
+/// A scene that need not be fetched, since its coordinator is in this process.
+#[derive(Clone)]
+pub struct LocalScene {
+    /// Proves to the coordinator that the scene is its own.
+    pub secret: [u8; 16],
+    /// What renders it, under the coordinator's settings: one for all workers of the process.
+    pub tracer: Arc<dyn TileTracer>,
+}
+
+impl std::fmt::Debug for LocalScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("LocalScene").finish_non_exhaustive()
+    }
+}
+
+/// Why a worker left in peace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Left {
+    /// The coordinator has no more work, and that was all that was wanted.
+    Finished,
+    /// It was asked to stop, and returned what it had not begun.
+    Stopped,
+}
+
+/// Works for the coordinator at `config.connect` until there is no more work (with
+/// `config.once`), until `stop` is cancelled, or until it is refused for good.
+///
+/// # Errors
+/// When the coordinator refuses this worker, its address never resolves, or the machine
+/// cannot give what is asked for.
+pub async fn run(config: Config, stop: CancellationToken) -> Result<Left, WorkerError> {
+    check_arithmetic()?;
+    config.connect.resolve().await?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(config.threads.max(1))
+        .thread_name(|n| format!("trace-{n}"))
+        .build()
+        .map_err(|e| WorkerError::Threads(config.threads, e.to_string()))?;
+    let session = Session {
+        instance: InstanceId(fastrand::u64(..)),
+        pool: Arc::new(pool),
+        cache: SceneCache::default(),
+        config: config.clone(),
+    };
+    let mut waits = config.backoff.start();
+    loop {
+        let (registered, outcome) = session.run(&stop).await;
+        if registered {
+            waits = config.backoff.start();
+        }
+        match outcome {
+            Outcome::Stopped => return Ok(Left::Stopped),
+            Outcome::Finished if config.once => return Ok(Left::Finished),
+            Outcome::Finished => tracing::info!("the coordinator has no more work; waiting for the next"),
+            Outcome::Refused(why) => return Err(WorkerError::Refused(why)),
+            Outcome::Lost(why) => tracing::warn!("{}: {why}", config.connect),
+        }
+        let wait = waits.next();
+        tracing::debug!("connecting again in {} ms", wait.as_millis());
+        tokio::select! {
+            () = tokio::time::sleep(wait) => {}
+            () = stop.cancelled() => return Ok(Left::Stopped),
+        }
+    }
+}
+
+/// Pixels must not depend on who renders them: denormals have to be on, as IEEE 754 has them.
+fn check_arithmetic() -> Result<(), WorkerError> {
+    let half = std::hint::black_box(f64::MIN_POSITIVE) / std::hint::black_box(2.0);
+    if half > 0.0 { Ok(()) } else { Err(WorkerError::Denormals) }
+}

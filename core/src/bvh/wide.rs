@@ -65,12 +65,13 @@ pub(crate) struct Wide<T> {
 }
 
 impl<T: Coordinate> Wide<T> {
-    pub(crate) fn collapse(root: Option<&Binary<T>>, items: &[Item<T>]) -> Self {
+    /// Leaves out what is `hidden` by another item of its leaf: `hidden(a, b)` says whether a never matters beside b.
+    pub(crate) fn collapse(root: Option<&Binary<T>>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> Self {
         let mut wide = Self { nodes: Vec::new(), ids: [Vec::new(), Vec::new()], lo: [0.0; 3], hi: [0.0; 3] };
         if let Some(root) = root {
             wide.lo = root.bounds().lo.map(T::to_f64);
             wide.hi = root.bounds().hi.map(T::to_f64);
-            wide.node(root, items);
+            wide.node(root, items, hidden);
             wide.nodes.shrink_to_fit();
         }
         wide
@@ -82,7 +83,7 @@ impl<T: Coordinate> Wide<T> {
     }
 
     /// Adds the node over `root`'s descendants; depth is bounded as the binary tree's is.
-    fn node(&mut self, root: &Binary<T>, items: &[Item<T>]) -> u32 {
+    fn node(&mut self, root: &Binary<T>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> u32 {
         let mut open: Vec<&Binary<T>> = Vec::with_capacity(WIDTH);
         match root {
             Binary::Inner { children, .. } => open.extend(children.iter()),
@@ -111,10 +112,11 @@ impl<T: Coordinate> Wide<T> {
                     let kind = items[0].kind;
                     let ids = &mut self.ids[usize::from(kind)];
                     let first = ids.len() as u32;
-                    ids.extend(items.iter().map(|i| i.id));
-                    Child::leaf(kind, first, *count)
+                    let matters = |i: &&Item<T>| !items.iter().any(|j| hidden(i.id, j.id));
+                    ids.extend(items.iter().filter(matters).map(|i| i.id));
+                    Child::leaf(kind, first, ids.len() as u32 - first)
                 }
-                Binary::Inner { .. } => Child(self.node(child, items)),
+                Binary::Inner { .. } => Child(self.node(child, items, hidden)),
             };
             let Bounds { lo, hi } = *child.bounds();
             let node = &mut self.nodes[index];

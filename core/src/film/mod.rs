@@ -1,12 +1,17 @@
 //! Tiles, pictures, files.
 
 pub mod encode;
+mod false_colour;
 pub mod file;
+mod flip;
 mod image;
+mod metrics;
 mod region;
 pub mod transfer;
 
+pub use false_colour::{FalseColour, differences};
 pub use image::{Image, PixelsRef, pixels_sha256};
+pub use metrics::Metrics;
 pub use region::Region;
 
 /// A rendered part of a picture: linear radiance, rows from the top.

@@ -57,10 +57,6 @@ pub(crate) struct V3<R> {
 
 impl<R: Real> V3<R> {
     #[inline(always)]
-    pub(crate) fn new(x: R, y: R, z: R) -> Self {
-        Self { x, y, z }
-    }
-    #[inline(always)]
     pub(crate) fn splat(v: DVec3) -> Self {
         Self { x: R::splat(v.x), y: R::splat(v.y), z: R::splat(v.z) }
     }

@@ -6,10 +6,11 @@
 //! intersection*, Ray Tracing Gems, 2019, ch. 7).
 //!
 //! **Bound.** With m ≥ |oc|: oc carries `eo`, its own rounding u·m and the centre's, at most
-//! u·|c| ≤ u·(m + |o|). s = oc·d/d·d carries at most 9u relative to m/|d|, so that s·d and
-//! the subtraction leave q within 12u·m. A direction off by `ed` moves the line by at most
-//! 1.01·ed·m at the centre. Together δ = eo + u(4|o|) + m(1.1·ed + 20u), generously, bounds
-//! the error of |q| as a distance from the centre.
+//! u·|c| ≤ u·(m + |o|). A relative error of s = oc·d/d·d, at most 7u, moves q along the line,
+//! hence |q| in second order only, and by no more than 7u·m where |q| itself is that small; the
+//! product s·d and the sum leave 2u·m. A direction off by `ed` moves the line by at most
+//! 1.01·ed·m at the centre. Together δ = eo + 4u·|o| + m(1.1·ed + 10u) bounds the error of |q|.
+//! Then h² = r² − |q|² is off by at most δ(2r + 3δ) + 8u·r².
 
 use glam::DVec3;
 
@@ -34,7 +35,7 @@ impl LocalSphere {
 fn delta<R: Real>(ray: &Ray<R>, oc: V3<R>) -> R {
     ray.eo
         + R::splat(4.0 * U) * ray.o.norm1()
-        + oc.norm1() * (R::splat(1.1) * ray.ed + R::splat(20.0 * U))
+        + oc.norm1() * (R::splat(1.1) * ray.ed + R::splat(10.0 * U))
         + R::splat(TINY)
 }
 
@@ -57,7 +58,7 @@ fn roots<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> Roots<R> {
     let qq = q.dot(q);
     let delta = delta(ray, oc);
     let rr = s.r * s.r;
-    let dhh = delta * (R::splat(4.0) * s.r + R::splat(2.0) * delta) + R::splat(8.0 * U) * rr + R::splat(TINY);
+    let dhh = delta * (R::splat(2.0) * s.r + R::splat(3.0) * delta) + R::splat(8.0 * U) * rr + R::splat(TINY);
     let h = (rr - qq).max(zero).sqrt();
     let half = h * ray.inv_len;
     // |h − h*| ≤ min(Δ/h, √Δ) where |h² − h*²| ≤ Δ.

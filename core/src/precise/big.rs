@@ -1,7 +1,7 @@
 //! A binary floating-point number of a fixed, large precision and a practically unbounded exponent.
 //!
 //! Every operation truncates its exact result to 64·N bits, so its relative error is
-//! below 2^(2−64N). There is no overflow, no underflow, no NaN and no infinity: what
+//! below 2^(8−64N). There is no overflow, no underflow, no NaN and no infinity: what
 //! real arithmetic leaves undefined (division by zero, the root of a negative number)
 //! gives zero, and callers ask first.
 
@@ -36,6 +36,15 @@ impl<const N: usize> Big<N> {
         let mut limbs = [0; N];
         limbs[N - 1] = mantissa << shift;
         Self { negative: x < 0.0, exponent: power + 64 - i64::from(shift), limbs }
+    }
+
+    /// The same number in M limbs, truncated or padded with zeros.
+    #[must_use]
+    pub fn resize<const M: usize>(&self) -> Big<M> {
+        let mut limbs = [0; M];
+        let n = N.min(M);
+        limbs[M - n..].copy_from_slice(&self.limbs[N - n..]);
+        Big { negative: self.negative, exponent: self.exponent, limbs }
     }
 
     /// Whether this is zero.

@@ -20,6 +20,12 @@ impl<const N: usize> Vector<N> {
         Self([Big::new(v.x), Big::new(v.y), Big::new(v.z)])
     }
 
+    /// The same vector in M limbs, truncated or padded with zeros.
+    #[must_use]
+    pub fn resize<const M: usize>(&self) -> Vector<M> {
+        Vector(self.0.map(|c| c.resize()))
+    }
+
     /// a · b.
     #[must_use]
     pub fn dot(&self, b: &Self) -> Big<N> {

@@ -1,73 +1,11 @@
 //! Whether a triangle has exactly zero area.
 //!
-//! It has when the cross product of two of its sides is zero: three sums of products
-//! of coordinates. A rounded evaluation with a forward error bound answers for nearly
-//! every triangle; the rest are summed in fixed point over f64's whole range.
+//! It has when the cross product of two of its sides is zero. A rounded evaluation with
+//! a forward error bound answers for nearly every triangle, exact arithmetic for the rest.
 
 use glam::DVec3;
 
-/// Limbs of 64 bits: products go from 2^-2148 to below 2^2048, sums a little further.
-const LIMBS: usize = 67;
-/// The exponent of an accumulator's lowest bit.
-const LOWEST: i32 = -2148;
-
-/// An exact sum of products of two f64s each, in two's complement.
-struct Sum([u64; LIMBS]);
-
-/// A finite f64 as ±mantissa · 2^exponent.
-fn split(x: f64) -> (u64, i32) {
-    let bits = x.to_bits();
-    let (exponent, fraction) = ((bits >> 52) & 0x7FF, bits & ((1 << 52) - 1));
-    if exponent == 0 { (fraction, -1074) } else { (fraction | 1 << 52, exponent as i32 - 1075) }
-}
-
-impl Sum {
-    fn add(&mut self, a: f64, b: f64, minus: bool) {
-        let ((ma, ea), (mb, eb)) = (split(a), split(b));
-        let product = u128::from(ma) * u128::from(mb);
-        let shift = (ea + eb - LOWEST) as usize; // both exponents are at least -1074
-        let (limb, bit) = (shift / 64, shift % 64);
-        // 106 bits shifted by up to 63 span three limbs.
-        let low = product << bit;
-        let high = if bit == 0 { 0 } else { product >> (128 - bit) };
-        let parts = [low as u64, (low >> 64) as u64, high as u64];
-        let negative = a.is_sign_negative() != b.is_sign_negative();
-        let mut carry = false;
-        for (i, to) in self.0[limb..].iter_mut().enumerate() {
-            let part = parts.get(i).copied().unwrap_or(0);
-            let (sum, over) = if negative != minus { to.overflowing_sub(part) } else { to.overflowing_add(part) };
-            let (sum, over2) =
-                if negative != minus { sum.overflowing_sub(carry.into()) } else { sum.overflowing_add(carry.into()) };
-            *to = sum;
-            carry = over || over2;
-            if i >= parts.len() && !carry {
-                break;
-            }
-        }
-    }
-    fn is_zero(&self) -> bool {
-        self.0.iter().all(|&l| l == 0)
-    }
-}
-
-/// Whether the components u and v of three points lie on one line.
-fn collinear(a: (f64, f64), b: (f64, f64), c: (f64, f64)) -> bool {
-    // (b − a) × (c − a), multiplied out; a × a is nothing.
-    let mut sum = Sum([0; LIMBS]);
-    for (p, q) in [(b, c), (c, a), (a, b)] {
-        sum.add(p.0, q.1, false);
-        sum.add(p.1, q.0, true);
-    }
-    sum.is_zero()
-}
-
-/// Whether two sides in the components u and v are parallel, or one is zero.
-fn parallel(a: (f64, f64), b: (f64, f64)) -> bool {
-    let mut sum = Sum([0; LIMBS]);
-    sum.add(a.0, b.1, false);
-    sum.add(a.1, b.0, true);
-    sum.is_zero()
-}
+use super::predicates::{Exact, cross_is_zero};
 
 /// Whether the rounded cross product alone shows that the area is not zero.
 #[must_use]
@@ -88,11 +26,8 @@ pub fn is_zero(written: &[DVec3; 3], by_sides: bool) -> bool {
     if surely_not_zero(written, by_sides) {
         return false;
     }
-    let flat = |project: fn(DVec3) -> (f64, f64)| {
-        let [a, b, c] = written.map(project);
-        if by_sides { parallel(b, c) } else { collinear(a, b, c) }
-    };
-    flat(|p| (p.x, p.y)) && flat(|p| (p.y, p.z)) && flat(|p| (p.z, p.x))
+    let [a, b, c] = written.map(Exact::new);
+    if by_sides { cross_is_zero(&b, &c) } else { cross_is_zero(&(b - a), &(c - a)) }
 }
 
 #[cfg(test)]

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
-use super::arbiter::{Big, ExactRay, Vector};
+use super::arbiter::{ExactRay, LAST};
 use crate::geometry::{Ray, U, V3};
+use crate::precise::{Big, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
 
@@ -18,7 +19,7 @@ pub struct PlanePoint {
 }
 
 /// Bound on a camera ray's direction, see [`Frame::ray`].
-pub(crate) const TURN: f64 = 24.0 * U;
+pub(crate) const TURN: f64 = 6.0 * U;
 
 /// The camera's frame under a view, for points on a grid of `grid` cells along a pixel's edge.
 ///
@@ -30,8 +31,8 @@ pub(crate) struct Frame {
     grid: u32,
     width: u32,
     height: u32,
-    location: Vector,
-    exact: [Vector; 3],
+    location: DVec3,
+    exact: [Vector<LAST>; 3],
     pub(crate) forward: DVec3,
     pub(crate) right: DVec3,
     pub(crate) up: DVec3,
@@ -39,14 +40,14 @@ pub(crate) struct Frame {
 
 impl Frame {
     pub(crate) fn new(camera: &Camera, view: &View, grid: u32) -> Self {
-        let location = Vector::new(camera.location());
-        let f = (Vector::new(camera.look_at()) - location).normalize();
+        let location = camera.location();
+        let f = (Vector::new(camera.look_at()) - Vector::new(location)).normalize();
         let r = Vector::new(camera.sky()).cross(&f).normalize();
         let u = f.cross(&r);
         let units = 2.0 * f64::from(grid) * f64::from(view.height());
         let distance = (Big::new(view.zoom()) * Big::new(units)).div(Big::new(view.plane_height()));
         // The longest of the three parts of a direction becomes about 1.
-        let widest = Big::new(f64::from(grid) * f64::from(view.width().max(view.height())));
+        let widest = Big::<LAST>::new(f64::from(grid) * f64::from(view.width().max(view.height())));
         let scale = -distance.exponent().max(widest.exponent());
         let exact = [(f * distance).scale(scale), r.scale(scale), u.scale(scale)];
         let [forward, right, up] = exact.map(|v| v.to_f64());
@@ -65,8 +66,8 @@ impl Frame {
 
     /// The ray through `p`, in local space.
     ///
-    /// Each of the three orthogonal parts is within u of the real one and at most |d|; three
-    /// roundings follow: |d − d*| < 24u·|d|, [`TURN`].
+    /// Each of the three orthogonal parts is within u of the real one, its product with a
+    /// coordinate within another u, and two sums follow: |d − d*| ≤ (2√3 + 2)u·|d|, below [`TURN`].
     pub(crate) fn ray(&self, p: PlanePoint) -> Ray {
         Ray::new(V3::splat(DVec3::ZERO), V3::splat(self.direction(p)), 0.0, TURN)
     }
@@ -77,9 +78,9 @@ impl Frame {
     }
 
     /// The ray through `p`, in world space and wide arithmetic.
-    pub(crate) fn exact_ray(&self, p: PlanePoint) -> ExactRay {
-        let [f, r, u] = self.exact;
+    pub(crate) fn exact_ray<const N: usize>(&self, p: PlanePoint) -> ExactRay<N> {
+        let [f, r, u] = self.exact.map(|v| v.resize());
         let d = f + r * Big::new(f64::from(p.x)) + u * Big::new(f64::from(p.y));
-        ExactRay { o: self.location, d, from: None }
+        ExactRay { o: Vector::new(self.location), d, from: None }
     }
 }

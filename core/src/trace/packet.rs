@@ -83,6 +83,26 @@ impl Walk {
     }
 }
 
+/// [e(0), e(1), e(2)] without a closure, which would not be compiled for the level's instructions.
+macro_rules! each {
+    ($k:ident => $e:expr) => {
+        [
+            {
+                let $k = 0;
+                $e
+            },
+            {
+                let $k = 1;
+                $e
+            },
+            {
+                let $k = 2;
+                $e
+            },
+        ]
+    };
+}
+
 #[inline(always)]
 fn lanes(mut mask: Mask) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -112,18 +132,15 @@ struct Rays<S: Simd> {
 impl<S: Simd> Rays<S> {
     #[inline(always)]
     fn new(p: &Packet) -> Self {
-        let o = [0, 1, 2].map(|k| S::Single::load(&p.o[k]));
-        let d = [0, 1, 2].map(|k| S::Single::load(&p.d[k]));
+        let o = each!(k => S::Single::load(&p.o[k]));
+        let d = each!(k => S::Single::load(&p.d[k]));
         let pos = S::Single::load(&p.pos);
         let pad = pos + pos;
         // A component of 0 becomes tiny: a turn far below `ed`, and no 0 · ∞.
         let tiny = S::Single::splat(1e-30);
-        let inv = d.map(|d| {
-            let small = d.abs().lt(tiny);
-            tiny.select(small, d).recip()
-        });
-        let low = [0, 1, 2].map(|k| -((o[k] + pad) * inv[k]));
-        let high = [0, 1, 2].map(|k| -((o[k] - pad) * inv[k]));
+        let inv = each!(k => tiny.select(d[k].abs().lt(tiny), d[k]).recip());
+        let low = each!(k => -((o[k] + pad) * inv[k]));
+        let high = each!(k => -((o[k] - pad) * inv[k]));
         let dd = d[0].fma(d[0], d[1].fma(d[1], d[2] * d[2]));
         let dd_inv = dd.recip();
         let len = dd.sqrt() * S::Single::splat(1.0 + 16.0 * U32);
@@ -167,7 +184,7 @@ fn meet_triangle<S: Simd>(r: &Rays<S>, t: &super::filter::FlatTriangle, mask: Ma
     let num = s(t.h) - Rays::<S>::dot(t.n, &r.o);
     let inv = den.recip();
     let at = num * inv;
-    let p = [0, 1, 2].map(|k| r.d[k].fma(at, r.o[k]));
+    let p = each!(k => r.d[k].fma(at, r.o[k]));
     let u = Rays::<S>::dot(t.u, &p) + s(t.u0);
     let v = Rays::<S>::dot(t.v, &p) + s(t.v0);
     let steep = inv.abs();
@@ -186,10 +203,10 @@ fn meet_triangle<S: Simd>(r: &Rays<S>, t: &super::filter::FlatTriangle, mask: Ma
 #[inline(always)]
 fn meet_sphere<S: Simd>(r: &Rays<S>, sphere: &super::filter::FlatSphere, mask: Mask) -> Meeting<S> {
     let s = S::Single::splat;
-    let oc = [0, 1, 2].map(|k| r.o[k] - s(sphere.c[k]));
+    let oc = each!(k => r.o[k] - s(sphere.c[k]));
     let b = oc[0].fma(r.d[0], oc[1].fma(r.d[1], oc[2] * r.d[2]));
     let mid = -(b * r.dd_inv);
-    let q = [0, 1, 2].map(|k| r.d[k].fma(mid, oc[k]));
+    let q = each!(k => r.d[k].fma(mid, oc[k]));
     let qq = q[0].fma(q[0], q[1].fma(q[1], q[2] * q[2]));
     let radius = s(sphere.r);
     let outer = radius + r.pos;
@@ -376,8 +393,8 @@ fn walk<S: Simd, V: Visit<S>>(
                     if child == crate::bvh::Child::NOTHING {
                         break;
                     }
-                    let lo = [0, 1, 2].map(|k| node.lo[k][slot]);
-                    let hi = [0, 1, 2].map(|k| node.hi[k][slot]);
+                    let lo = each!(k => node.lo[k][slot]);
+                    let hi = each!(k => node.hi[k][slot]);
                     let (near, far) = rays.slabs(lo, hi, bound);
                     let hit = near.le(far) & mask;
                     if hit != 0 {

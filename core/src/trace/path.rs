@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::arbiter::{self, Decision, ExactHit, ExactRay};
+use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST};
 use super::camera::PlanePoint;
 use super::query::{Closest, Occluded, Scratch};
 use super::shade::{self, Place};
@@ -10,7 +10,7 @@ use super::texture;
 use super::{RayCounts, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
-use crate::scene::Pigment;
+use crate::scene::{Pigment, Scene};
 
 /// A hash step (the finaliser of SplitMix64).
 pub(crate) fn mix(hash: u64, word: u64) -> u64 {
@@ -29,16 +29,20 @@ pub(crate) struct PathScratch {
 }
 
 /// The path in wide arithmetic, followed only as far as it was asked about.
-struct ExactPath<'a> {
+struct ExactPath<'a, const N: usize> {
     tracer: &'a Tracer,
     point: PlanePoint,
     /// Decisions followed, and the ray after them.
-    at: Option<(usize, ExactRay)>,
+    at: Option<(usize, ExactRay<N>)>,
 }
 
-impl ExactPath<'_> {
+impl<'a, const N: usize> ExactPath<'a, N> {
+    fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
+        Self { tracer, point, at: None }
+    }
+
     /// The ray after all decisions of `trail`.
-    fn ray(&mut self, trail: &[Decision]) -> ExactRay {
+    fn ray(&mut self, trail: &[Decision]) -> ExactRay<N> {
         let (mut done, mut ray) = self.at.unwrap_or_else(|| (0, self.tracer.frame.exact_ray(self.point)));
         let scene = &self.tracer.prepared.scene;
         for &decision in &trail[done..] {
@@ -50,8 +54,65 @@ impl ExactPath<'_> {
     }
 
     /// The point met by the ray after all decisions of `trail`.
-    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit {
+    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit<N> {
         arbiter::hit(&self.tracer.prepared.scene, &self.ray(trail), decision)
+    }
+}
+
+/// Mirrors that a path in the first width may have behind it: each can cost it several bits.
+const SHORT: usize = 8;
+
+/// The path at both widths.
+struct Court<'a> {
+    first: ExactPath<'a, FIRST>,
+    last: ExactPath<'a, LAST>,
+}
+
+impl<'a> Court<'a> {
+    fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
+        Self { first: ExactPath::new(tracer, point), last: ExactPath::new(tracer, point) }
+    }
+
+    fn closest(&mut self, scene: &Scene, trail: &[Decision], candidates: &Scratch) -> Option<Decision> {
+        if trail.len() <= SHORT
+            && let Ok(found) = arbiter::closest(scene, &self.first.ray(trail), candidates.candidates())
+        {
+            return found.map(|(d, _)| d);
+        }
+        let ray = self.last.ray(trail);
+        arbiter::closest(scene, &ray, candidates.candidates()).ok().flatten().map(|(d, _)| d)
+    }
+
+    fn occluded(
+        &mut self,
+        scene: &Scene,
+        trail: &[Decision],
+        decision: Decision,
+        light: DVec3,
+        candidates: &Scratch,
+    ) -> bool {
+        if trail.len() <= SHORT {
+            let segment = self.first.hit(trail, decision).towards(light);
+            if let Ok(occluded) = arbiter::occluded(scene, &segment, candidates.candidates()) {
+                return occluded;
+            }
+        }
+        let segment = self.last.hit(trail, decision).towards(light);
+        arbiter::occluded(scene, &segment, candidates.candidates()).unwrap_or(false)
+    }
+
+    /// The point met, and the ray that met it.
+    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit<LAST> {
+        if trail.len() <= SHORT { self.first.hit(trail, decision).resize() } else { self.last.hit(trail, decision) }
+    }
+
+    /// The direction mirrored at `hit`, met after `trail`.
+    fn mirrored(&mut self, trail: &[Decision], hit: &ExactHit<LAST>) -> DVec3 {
+        if trail.len() <= SHORT {
+            hit.resize::<FIRST>().reflect(&self.first.ray(trail).d).d.to_f64()
+        } else {
+            hit.reflect(&self.last.ray(trail).d).d.to_f64()
+        }
     }
 }
 
@@ -61,7 +122,7 @@ impl Tracer {
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
-        let mut exact = ExactPath { tracer: self, point, at: None };
+        let mut exact = Court::new(self, point);
         let mut ray = self.frame.ray(point);
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
@@ -74,7 +135,7 @@ impl Tracer {
                 Closest::Sure(decision) => Some(decision),
                 Closest::Doubt => {
                     counts.refined += 1;
-                    arbiter::closest(scene, &exact.ray(trail), query.candidates()).map(|(d, _)| d)
+                    exact.closest(scene, trail, query)
                 }
             };
             let Some(decision) = decision else {
@@ -83,7 +144,7 @@ impl Tracer {
             signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = &self.materials[self.prepared.surface_of(decision.id).0 as usize];
             let mut place = self.place(&ray, decision, from);
-            let mut wide = self.too_wide(&place).then(|| exact.hit(trail, decision));
+            let mut wide = self.too_wide(&place, throughput).then(|| exact.hit(trail, decision));
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
@@ -100,13 +161,13 @@ impl Tracer {
             if let Some(hit) = &wide {
                 counts.refined += 1;
                 let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
-                place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.n.to_f64()), en: 2.0 * U };
+                place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
             }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
                     let light = V3::splat(light);
-                    let incidence = shade::incidence(&place, light);
+                    let incidence = shade::incidence(&place, light, throughput);
                     let cosine = match &wide {
                         Some(hit) => hit.cosine(scene.lights()[k]),
                         None => incidence.cosine,
@@ -121,8 +182,7 @@ impl Tracer {
                         Occluded::Yes => true,
                         Occluded::Doubt => {
                             counts.refined += 1;
-                            let hit = exact.hit(trail, decision);
-                            arbiter::occluded(scene, &hit.towards(scene.lights()[k]), query.candidates())
+                            exact.occluded(scene, trail, decision, scene.lights()[k], query)
                         }
                     };
                     if !blocked {
@@ -140,8 +200,8 @@ impl Tracer {
             counts.mirror += 1;
             ray = match &wide {
                 Some(hit) => {
-                    let reflected = hit.reflect(&exact.ray(trail).d);
-                    Ray::new(place.p, V3::splat(reflected.d.to_f64()), place.ep, 4.0 * U)
+                    let d = exact.mirrored(trail, hit);
+                    Ray::new(place.p, V3::splat(d), place.ep, 4.0 * U)
                 }
                 None => shade::reflect(&ray, &place),
             };
@@ -166,8 +226,8 @@ impl Tracer {
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
-    fn too_wide(&self, place: &Place) -> bool {
-        !(place.en <= shade::VALUE)
-            || self.prepared.local.lights.iter().any(|&l| !(shade::incidence(place, V3::splat(l)).excess <= 0.0))
+    fn too_wide(&self, place: &Place, throughput: f64) -> bool {
+        let excess = |&l: &DVec3| shade::incidence(place, V3::splat(l), throughput).excess;
+        !(place.en <= shade::NORMAL) || self.prepared.local.lights.iter().any(|l| !(excess(l) <= 0.0))
     }
 }

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{self, ExactRay, Vector};
+use super::arbiter::{self, ExactRay, FIRST, LAST};
 use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
 use crate::geometry::local::surface_and_order;
 use crate::geometry::{Aabb, Local, Ray, U, V3};
+use crate::precise::Vector;
 use crate::precise::predicates::{Exact, cross_is_zero};
 use crate::scene::{Scene, Triangle};
 
@@ -79,11 +80,20 @@ impl PreparedScene {
             .filter_map(sphere)
             .chain((0..scene.triangles().len()).into_par_iter().filter_map(triangle))
             .collect();
+        let first_triangle = id(spheres);
+        let hidden = |a: u32, b: u32| {
+            b < a
+                && b >= first_triangle
+                && coincide(
+                    &scene.triangles()[(a - first_triangle) as usize],
+                    &scene.triangles()[(b - first_triangle) as usize],
+                )
+        };
         let bloated = all.par_iter().filter(|(b, ..)| grows(b)).count();
         if bloated as f64 > BLOATED * all.len() as f64 {
-            Boxes::Double(hierarchy(&all))
+            Boxes::Double(hierarchy(&all, &hidden))
         } else {
-            Boxes::Single(hierarchy(&all))
+            Boxes::Single(hierarchy(&all, &hidden))
         }
     }
 
@@ -98,24 +108,25 @@ impl PreparedScene {
     /// Equal distances go to the object that comes first in the document.
     #[must_use]
     pub fn closest_hit(&self, origin: DVec3, direction: DVec3) -> Option<RayHit> {
-        let exact = ExactRay { o: Vector::new(origin), d: Vector::new(direction), from: None };
-        let scale = exact.d.exponent();
-        let d = exact.d.scale(-scale).to_f64();
+        let d = Vector::<FIRST>::new(direction);
+        let d = d.scale(-d.exponent()).to_f64();
         let o = self.local.point(origin);
         let ray = Ray::new(V3::splat(o), V3::splat(d), 2.0 * U * o.abs().element_sum(), 4.0 * U);
         let mut scratch = Scratch::default();
-        let (decision, t) = match self.closest(&ray, None, &mut scratch) {
+        // The distance is asked for too, and is what must be wide.
+        let exact = ExactRay::<LAST> { o: Vector::new(origin), d: Vector::new(direction), from: None };
+        let found = match self.closest(&ray, None, &mut scratch) {
             Closest::Nothing => return None,
-            Closest::Sure(decision) => (decision, arbiter::meet(&self.scene, &exact, decision.id)?.0),
-            Closest::Doubt => arbiter::closest(&self.scene, &exact, scratch.candidates())?,
+            Closest::Sure(decision) => arbiter::closest(&self.scene, &exact, std::iter::once(decision.id)),
+            Closest::Doubt => arbiter::closest(&self.scene, &exact, scratch.candidates()),
         };
+        let (decision, t) = found.ok()??;
         Some(RayHit { order: surface_and_order(&self.scene, decision.id).1, t: t.to_f64() })
     }
 
     /// Whether an object meets the open segment between two points of world space, exactly.
     #[must_use]
     pub fn is_occluded(&self, from: DVec3, to: DVec3) -> bool {
-        let exact = ExactRay { o: Vector::new(from), d: Vector::new(to) - Vector::new(from), from: None };
         let (a, b) = (self.local.point(from), self.local.point(to));
         let d = b - a;
         let e = 2.0 * U * (a.abs().element_sum() + b.abs().element_sum());
@@ -125,7 +136,11 @@ impl PreparedScene {
         match self.occluded(&ray, None, &mut scratch) {
             Occluded::No => false,
             Occluded::Yes => true,
-            Occluded::Doubt => arbiter::occluded(&self.scene, &exact, scratch.candidates()),
+            Occluded::Doubt => {
+                let d = Vector::new(to) - Vector::new(from);
+                let exact = ExactRay::<LAST> { o: Vector::new(from), d, from: None };
+                arbiter::occluded(&self.scene, &exact, scratch.candidates()).unwrap_or(false)
+            }
         }
     }
 }
@@ -138,11 +153,20 @@ fn grows(b: &Aabb) -> bool {
     !(perimeter(lo, hi) <= 1.5 * perimeter(b.lo, b.hi))
 }
 
-fn hierarchy<T: Coordinate>(all: &[(Aabb, u32, u8)]) -> Wide<T> {
+/// Whether two triangles have the same corners: the first of them in the document is what is
+/// met where either is, at the very same distance, so that the other never matters.
+fn coincide(a: &Triangle, b: &Triangle) -> bool {
+    !a.by_sides()
+        && !b.by_sides()
+        && a.written.iter().all(|v| b.written.contains(v))
+        && b.written.iter().all(|v| a.written.contains(v))
+}
+
+fn hierarchy<T: Coordinate>(all: &[(Aabb, u32, u8)], hidden: &dyn Fn(u32, u32) -> bool) -> Wide<T> {
     let mut items: Vec<Item<T>> = all
         .par_iter()
         .map(|&(b, id, kind)| Item { lo: b.lo.to_array().map(T::down), hi: b.hi.to_array().map(T::up), id, kind })
         .collect();
     let root = build_binary(&mut items);
-    Wide::collapse(root.as_ref(), &items)
+    Wide::collapse(root.as_ref(), &items, hidden)
 }

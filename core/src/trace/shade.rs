@@ -6,8 +6,12 @@ use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{Ray, Real, U, V3, plane, sphere, triangle};
 
-/// Bounds above this, as a share of what a value can be, ask for wide arithmetic.
-pub(crate) const VALUE: f64 = 1.0 / (1u64 << 20) as f64;
+/// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic.
+pub(crate) const VALUE: f64 = 1.0 / (1u64 << 16) as f64;
+
+/// Normals less sure than this ask for wide arithmetic whatever they contribute: beyond it the
+/// bounds' first-order terms would no longer dominate.
+pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 12) as f64;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -71,16 +75,17 @@ pub(crate) struct Incidence<R> {
     pub(crate) cosine: R,
     /// From the place to the light.
     pub(crate) l: V3<R>,
-    /// Above 0 where the place is too uncertain beside the light's distance.
+    /// Above 0 where the place, or its normal, is too uncertain for the light's effect.
     pub(crate) excess: R,
 }
 
+/// `throughput` is what the path has left of the light.
 #[inline(always)]
-pub(crate) fn incidence<R: Real>(place: &Place<R>, light: V3<R>) -> Incidence<R> {
+pub(crate) fn incidence<R: Real>(place: &Place<R>, light: V3<R>, throughput: R) -> Incidence<R> {
     let l = light - place.p;
-    let ll = l.dot(l);
-    let cosine = place.n.dot(l) / ll.sqrt();
-    let excess = place.ep * place.ep - R::splat(VALUE * VALUE) * ll;
+    let distance = l.dot(l).sqrt();
+    let cosine = place.n.dot(l) / distance;
+    let excess = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
     Incidence { cosine, l, excess }
 }
 

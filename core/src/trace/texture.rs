@@ -2,10 +2,11 @@
 
 use glam::{DVec2, DVec3};
 
-use super::arbiter::{Big, Decision, ExactHit, Vector};
+use super::arbiter::{Decision, ExactHit, LAST};
 use super::shade::Place;
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Local, ObjectId, Ray, U, triangle};
+use crate::precise::{Big, Vector};
 use crate::scene::{Picture, Pigment, PlanePosition, Scene};
 
 /// The largest misplacement of a picture, in texels, that f64 is trusted with.
@@ -26,9 +27,9 @@ pub(crate) struct Mapping {
     id: ObjectId,
     /// Sphere: unit equator, e × p, and pole. Plane: U, V, and nothing.
     axes: [DVec3; 3],
-    exact: [Vector; 2],
+    exact: [Vector<LAST>; 2],
     /// Plane: the picture's origin in world space, and in local space.
-    origin: Vector,
+    origin: Vector<LAST>,
     local_origin: DVec3,
 }
 
@@ -36,7 +37,7 @@ pub(crate) struct Mapping {
 pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
     let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Picture(_));
     let planes = scene.planes().iter().enumerate().filter(|(_, p)| pictured(p.surface)).map(|(i, p)| {
-        let n = Vector::new(p.normal).normalize();
+        let n = Vector::<LAST>::new(p.normal).normalize();
         let size = p.normal.abs();
         // The axis with the least |n·axis|, x before y before z.
         let t = if size.x <= size.y && size.x <= size.z {
@@ -58,7 +59,7 @@ pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
     });
     let first = scene.planes().len() as u32;
     let spheres = scene.orientations().iter().map(|&(i, o)| {
-        let p = Vector::new(o.pole).normalize();
+        let p = Vector::<LAST>::new(o.pole).normalize();
         let e = Vector::new(o.equator);
         let e = (e - p * e.dot(&p)).normalize();
         let b = e.cross(&p);
@@ -130,17 +131,17 @@ pub(crate) fn coordinates(
 }
 
 /// (u, v) at `hit`, from wide arithmetic.
-pub(crate) fn exact_coordinates(scene: &Scene, mappings: &[Mapping], hit: &ExactHit) -> DVec2 {
+pub(crate) fn exact_coordinates<const N: usize>(scene: &Scene, mappings: &[Mapping], hit: &ExactHit<N>) -> DVec2 {
     match kind(scene, hit.decision.id) {
         Kind::Sphere(_) => {
-            let m = hit.n.to_f64();
+            let m = hit.normal();
             on_sphere(find(mappings, hit.decision.id), if hit.decision.inside { -m } else { m })
         }
         Kind::Plane(_) => {
             let map = find(mappings, hit.decision.id);
-            let at = hit.p - map.origin;
-            let part = |axis: &Vector| {
-                let x = at.dot(axis);
+            let at = hit.p - map.origin.resize();
+            let part = |axis: &Vector<LAST>| {
+                let x = at.dot(&axis.resize());
                 let whole = x.to_f64().floor();
                 // Beyond 2^53 the nearest f64's floor may be off by whole units; once more settles it.
                 let rest = if whole.is_finite() { (x - Big::new(whole)).to_f64() } else { 0.0 };

@@ -19,6 +19,9 @@ use super::texture;
 use super::{RayCounts, Sample, Tracer};
 use crate::bvh::{Boxes, Wide};
 use crate::geometry::local::kind;
+use crate::geometry::plane::LocalPlane;
+use crate::geometry::sphere::LocalSphere;
+use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{ObjectId, Ray, Real, V3};
 use crate::scene::Pigment;
 use crate::simd::{Double, Kernel, LANES, Simd, Single};
@@ -60,6 +63,24 @@ impl Rays {
         self.throughput.clear();
     }
 
+    /// Rays `at` to `at` + 8; lanes beyond the last are zero.
+    #[inline(always)]
+    fn eight<S: Simd>(&self, at: usize) -> Ray<S::Double> {
+        let at = at.min(self.len());
+        Ray::new(load3::<S>(&self.o, at), load3::<S>(&self.d, at), load::<S>(&self.eo, at), load::<S>(&self.ed, at))
+    }
+
+    /// The rays at eight indices.
+    #[inline(always)]
+    fn pick<S: Simd>(&self, at: &[u32; 8]) -> Ray<S::Double> {
+        Ray::new(
+            collect3::<S>(&self.o, at),
+            collect3::<S>(&self.d, at),
+            collect::<S>(&self.eo, at),
+            collect::<S>(&self.ed, at),
+        )
+    }
+
     fn one(&self, i: usize) -> Ray {
         let v = |a: &[Vec<f64>; 3]| V3 { x: a[0][i], y: a[1][i], z: a[2][i] };
         Ray::new(v(&self.o), v(&self.d), self.eo[i], self.ed[i])
@@ -92,6 +113,20 @@ impl Places {
         }
         self.met.clear();
         self.met.resize(n, NONE);
+    }
+
+    /// Segments to `light` from the places at eight indices.
+    #[inline(always)]
+    fn towards<S: Simd>(&self, at: &[u32], light: V3<S::Double>) -> Ray<S::Double> {
+        let mut eight = [0; 8];
+        eight.copy_from_slice(at);
+        let place = Place {
+            p: collect3::<S>(&self.p, &eight),
+            ep: collect::<S>(&self.ep, &eight),
+            n: V3::splat(DVec3::ZERO),
+            en: S::Double::splat(0.0),
+        };
+        shade::towards(&place, light, light - place.p)
     }
 
     fn one(&self, i: usize) -> Place {
@@ -215,20 +250,22 @@ fn load3<S: Simd>(v: &[Vec<f64>; 3], at: usize) -> V3<S::Double> {
 }
 
 #[inline(always)]
+fn three<S: Simd>(lanes: &[[f64; 8]], at: usize) -> V3<S::Double> {
+    V3 { x: S::Double::load(&lanes[at]), y: S::Double::load(&lanes[at + 1]), z: S::Double::load(&lanes[at + 2]) }
+}
+
+#[inline(always)]
 fn collect<S: Simd>(v: &[f64], at: &[u32; 8]) -> S::Double {
-    S::Double::load(&at.map(|i| v[i as usize]))
+    let mut lanes = [0.0; 8];
+    for k in 0..8 {
+        lanes[k] = v[at[k] as usize];
+    }
+    S::Double::load(&lanes)
 }
 
 #[inline(always)]
 fn collect3<S: Simd>(v: &[Vec<f64>; 3], at: &[u32; 8]) -> V3<S::Double> {
     V3 { x: collect::<S>(&v[0], at), y: collect::<S>(&v[1], at), z: collect::<S>(&v[2], at) }
-}
-
-#[inline(always)]
-fn store<D: Double>(x: D, to: &mut [f64], at: usize) {
-    if let Some(Ok(to)) = to.get_mut(at..at + 8).map(<&mut [f64; 8]>::try_from) {
-        x.store(to);
-    }
 }
 
 #[inline(always)]
@@ -266,13 +303,12 @@ impl Stage<'_> {
     #[inline(always)]
     fn fill<S: Simd>(&self, packet: &mut Packet, low: &Ray<S::Double>, high: &Ray<S::Double>) -> u16 {
         let s = S::Single::splat;
-        let put = |a, b, to: &mut [f32; LANES]| S::narrow(a, b).store(to);
-        put(low.o.x, high.o.x, &mut packet.o[0]);
-        put(low.o.y, high.o.y, &mut packet.o[1]);
-        put(low.o.z, high.o.z, &mut packet.o[2]);
-        put(low.d.x, high.d.x, &mut packet.d[0]);
-        put(low.d.y, high.d.y, &mut packet.d[1]);
-        put(low.d.z, high.d.z, &mut packet.d[2]);
+        S::narrow(low.o.x, high.o.x).store(&mut packet.o[0]);
+        S::narrow(low.o.y, high.o.y).store(&mut packet.o[1]);
+        S::narrow(low.o.z, high.o.z).store(&mut packet.o[2]);
+        S::narrow(low.d.x, high.d.x).store(&mut packet.d[0]);
+        S::narrow(low.d.y, high.d.y).store(&mut packet.d[1]);
+        S::narrow(low.d.z, high.d.z).store(&mut packet.d[2]);
         let up = s(1.0 + 4.0 * U32);
         let eo = S::narrow(low.eo, high.eo) * up;
         let ed = S::narrow(low.ed, high.ed) * up;
@@ -295,15 +331,7 @@ impl Stage<'_> {
     ) {
         let n = rays.len();
         for at in (0..n).step_by(LANES) {
-            let half = |at: usize| {
-                Ray::<S::Double>::new(
-                    load3::<S>(&rays.o, at.min(n)),
-                    load3::<S>(&rays.d, at.min(n)),
-                    load::<S>(&rays.eo, at.min(n)),
-                    load::<S>(&rays.ed, at.min(n)),
-                )
-            };
-            let near = self.fill::<S>(packet, &half(at), &half(at + 8));
+            let near = self.fill::<S>(packet, &rays.eight::<S>(at), &rays.eight::<S>(at + 8));
             let count = LANES.min(n - at);
             packet.own = [NONE; LANES];
             packet.own[..count].copy_from_slice(&rays.own[at..at + count]);
@@ -368,7 +396,6 @@ impl Stage<'_> {
         out: &mut [Sample],
     ) {
         let tracer = self.tracer;
-        let scene = &*tracer.prepared.scene;
         let local = &tracer.prepared.local;
         for k in kinds.iter_mut() {
             k.clear();
@@ -395,51 +422,23 @@ impl Stage<'_> {
                 // Missing lanes repeat the first.
                 let mut eight = [at[0]; 8];
                 eight[..at.len()].copy_from_slice(at);
-                let ray = Ray::<S::Double>::new(
-                    collect3::<S>(&rays.o, &eight),
-                    collect3::<S>(&rays.d, &eight),
-                    collect::<S>(&rays.eo, &eight),
-                    collect::<S>(&rays.ed, &eight),
-                );
-                let ids = eight.map(|i| (places.met[i as usize] & !INSIDE) as usize);
-                let load = |f: &dyn Fn(usize) -> f64| S::Double::load(&ids.map(f));
-                let load3 = |f: &dyn Fn(usize) -> V3<f64>| V3 {
-                    x: load(&|i| f(i).x),
-                    y: load(&|i| f(i).y),
-                    z: load(&|i| f(i).z),
-                };
+                let ray = rays.pick::<S>(&eight);
+                let mut ids = [0; 8];
+                for k in 0..8 {
+                    ids[k] = (places.met[eight[k] as usize] & !INSIDE) as usize;
+                }
                 let place = match which {
-                    0 => {
-                        let plane = |i: usize| &local.planes[i];
-                        let p =
-                            crate::geometry::plane::LocalPlane { n: load3(&|i| plane(i).n), h: load(&|i| plane(i).h) };
-                        shade::on_plane(&ray, &p)
-                    }
+                    0 => self.planes::<S>(&ray, &ids),
                     1 => {
-                        let sphere = |i: usize| &local.spheres[i - planes as usize];
-                        let s = crate::geometry::sphere::LocalSphere {
-                            c: load3(&|i| sphere(i).c),
-                            r: load(&|i| sphere(i).r),
-                        };
-                        let flag =
-                            |f: &dyn Fn(u32) -> bool| S::Double::load(&eight.map(|i| if f(i) { 1.0 } else { 0.0 }));
-                        let inner = flag(&|i| places.met[i as usize] & INSIDE != 0);
-                        let own = flag(&|i| {
-                            (rays.own[i as usize] ^ places.met[i as usize]) & !INSIDE == 0
-                                && rays.own[i as usize] != NONE
-                        });
-                        shade::on_sphere(&ray, &s, inner, own)
+                        let (mut inner, mut own) = ([0.0; 8], [0.0; 8]);
+                        for k in 0..8 {
+                            let (met, from) = (places.met[eight[k] as usize], rays.own[eight[k] as usize]);
+                            inner[k] = if met & INSIDE != 0 { 1.0 } else { 0.0 };
+                            own[k] = if from != NONE && (met ^ from) & !INSIDE == 0 { 1.0 } else { 0.0 };
+                        }
+                        self.spheres::<S>(&ray, &ids, &inner, &own)
                     }
-                    _ => {
-                        let corners = ids.map(|i| local.triangle(&scene.triangles()[i - spheres as usize]).v);
-                        let corner = |k: usize| V3 {
-                            x: S::Double::load(&corners.map(|c| c[k].x)),
-                            y: S::Double::load(&corners.map(|c| c[k].y)),
-                            z: S::Double::load(&corners.map(|c| c[k].z)),
-                        };
-                        let t = crate::geometry::triangle::LocalTriangle { v: [corner(0), corner(1), corner(2)] };
-                        shade::on_triangle(&ray, &t)
-                    }
+                    _ => self.triangles::<S>(&ray, &ids),
                 };
                 scatter(place.p.x, &mut places.p[0], at);
                 scatter(place.p.y, &mut places.p[1], at);
@@ -449,7 +448,7 @@ impl Stage<'_> {
                 scatter(place.n.z, &mut places.n[2], at);
                 scatter(place.ep, &mut places.ep, at);
                 scatter(place.en, &mut places.en, at);
-                let fine = place.en.le(S::Double::splat(shade::VALUE));
+                let fine = place.en.le(S::Double::splat(shade::NORMAL));
                 for (lane, (&i, id)) in at.iter().zip(ids).enumerate() {
                     let i = i as usize;
                     if fine >> lane & 1 == 0 {
@@ -471,6 +470,50 @@ impl Stage<'_> {
                 }
             }
         }
+    }
+
+    #[inline(always)]
+    fn planes<S: Simd>(&self, ray: &Ray<S::Double>, ids: &[usize; 8]) -> Place<S::Double> {
+        let planes = &self.tracer.prepared.local.planes;
+        let mut lanes = [[0.0; 8]; 4];
+        for k in 0..8 {
+            let p = &planes[ids[k]];
+            (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k]) = (p.n.x, p.n.y, p.n.z, p.h);
+        }
+        shade::on_plane(ray, &LocalPlane { n: three::<S>(&lanes, 0), h: S::Double::load(&lanes[3]) })
+    }
+
+    #[inline(always)]
+    fn spheres<S: Simd>(
+        &self,
+        ray: &Ray<S::Double>,
+        ids: &[usize; 8],
+        inner: &[f64; 8],
+        own: &[f64; 8],
+    ) -> Place<S::Double> {
+        let local = &self.tracer.prepared.local;
+        let mut lanes = [[0.0; 8]; 4];
+        for k in 0..8 {
+            let s = &local.spheres[ids[k] - local.planes.len()];
+            (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k]) = (s.c.x, s.c.y, s.c.z, s.r);
+        }
+        let sphere = LocalSphere { c: three::<S>(&lanes, 0), r: S::Double::load(&lanes[3]) };
+        shade::on_sphere(ray, &sphere, S::Double::load(inner), S::Double::load(own))
+    }
+
+    #[inline(always)]
+    fn triangles<S: Simd>(&self, ray: &Ray<S::Double>, ids: &[usize; 8]) -> Place<S::Double> {
+        let prepared = &self.tracer.prepared;
+        let first = prepared.local.planes.len() + prepared.local.spheres.len();
+        let mut lanes = [[0.0; 8]; 9];
+        for k in 0..8 {
+            let t = prepared.local.triangle(&prepared.scene.triangles()[ids[k] - first]);
+            for (c, v) in t.v.iter().enumerate() {
+                (lanes[3 * c][k], lanes[3 * c + 1][k], lanes[3 * c + 2][k]) = (v.x, v.y, v.z);
+            }
+        }
+        let v = [three::<S>(&lanes, 0), three::<S>(&lanes, 3), three::<S>(&lanes, 6)];
+        shade::on_triangle(ray, &LocalTriangle { v })
     }
 
     /// The picture's colour where ray `i` met it, `None` where f64 does not place it well enough.
@@ -515,9 +558,9 @@ impl Stage<'_> {
                     p: load3::<S>(&places.p, at),
                     ep: load::<S>(&places.ep, at),
                     n: load3::<S>(&places.n, at),
-                    en: S::Double::splat(0.0),
+                    en: load::<S>(&places.en, at),
                 };
-                let incidence = shade::incidence(&place, light);
+                let incidence = shade::incidence(&place, light, load::<S>(&rays.throughput, at));
                 let fine = incidence.excess.le(S::Double::splat(0.0));
                 let lit = incidence.cosine.positive();
                 let mut cosines = [0.0; 8];
@@ -544,19 +587,12 @@ impl Stage<'_> {
                 let list = &shadows.at[first..shadows.at.len().min(first + LANES)];
                 let mut at = [list[0]; LANES];
                 at[..list.len()].copy_from_slice(list);
-                let half = |h: usize| {
-                    let mut eight = [0; 8];
-                    eight.copy_from_slice(&at[8 * h..8 * h + 8]);
-                    let place = Place {
-                        p: collect3::<S>(&places.p, &eight),
-                        ep: collect::<S>(&places.ep, &eight),
-                        n: V3::splat(DVec3::ZERO),
-                        en: S::Double::splat(0.0),
-                    };
-                    shade::towards(&place, light, light - place.p)
-                };
-                let near = self.fill::<S>(packet, &half(0), &half(1));
-                packet.own = at.map(|i| places.met[i as usize]);
+                let low = places.towards::<S>(&at[..8], light);
+                let high = places.towards::<S>(&at[8..], light);
+                let near = self.fill::<S>(packet, &low, &high);
+                for k in 0..LANES {
+                    packet.own[k] = places.met[at[k] as usize];
+                }
                 let all = (((1u32 << list.len()) - 1) & 0xffff) as u16;
                 packet.active = all & near;
                 let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, walk);
@@ -635,12 +671,7 @@ impl Stage<'_> {
             if !any {
                 continue;
             }
-            let ray = Ray::<S::Double>::new(
-                load3::<S>(&rays.o, at),
-                load3::<S>(&rays.d, at),
-                load::<S>(&rays.eo, at),
-                load::<S>(&rays.ed, at),
-            );
+            let ray = rays.eight::<S>(at);
             let place = Place {
                 p: load3::<S>(&places.p, at),
                 ep: load::<S>(&places.ep, at),

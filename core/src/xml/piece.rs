@@ -120,6 +120,15 @@ impl<'t> Reader<'t> {
             };
             let child = at;
             at = match token.kind {
+                // The lexer knows all of a comment but its characters.
+                Kind::Comment | Kind::Instruction if token.at.len() > MAX_UNIT / 16 => {
+                    self.gather(child..token.at.start);
+                    if let Some(finding) = syntax::bad_character(self.text, token.at.clone()) {
+                        self.part.findings.push(finding);
+                    }
+                    at = token.at.end;
+                    continue;
+                }
                 Kind::Comment | Kind::Instruction => token.at.end,
                 Kind::Cdata => {
                     self.gather(child..token.at.start);

@@ -5,11 +5,12 @@ pub(super) fn closest<'k>(written: &str, known: impl IntoIterator<Item = &'k str
     if written.len() > 32 {
         return None;
     }
-    let lower = written.to_lowercase().replace('-', "_");
+    let plain = |name: &str| name.to_lowercase().replace('-', "_");
+    let lower = plain(written);
     known
         .into_iter()
         .filter_map(|k| {
-            let distance = distance(&lower, &k.to_lowercase());
+            let distance = distance(&lower, &plain(k));
             (distance <= k.len().div_ceil(3).min(2) && distance < k.len()).then_some((distance, k))
         })
         .min_by_key(|(distance, _)| *distance)

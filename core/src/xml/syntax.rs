@@ -20,6 +20,14 @@ pub(super) fn finding(error: &Error, source: &str, shift: Shift) -> Finding {
     Finding::new(Code::Syntax, start..start + width, message).expected(expected)
 }
 
+/// The first character in `range` that XML does not allow, as the parser would tell it.
+pub(super) fn bad_character(text: &str, range: std::ops::Range<usize>) -> Option<Finding> {
+    let (i, c) = text[range.clone()].char_indices().find(|&(_, c)| !super::prolog::is_char(c))?;
+    let at = range.start + i;
+    let (message, expected) = words(&Error::NonXmlChar(c, roxmltree::TextPos::new(1, 1)));
+    Some(Finding::new(Code::Syntax, at..at + c.len_utf8(), message).expected(expected))
+}
+
 /// The parser counts lines at LF only, and columns in characters.
 fn offset(source: &str, pos: roxmltree::TextPos) -> usize {
     let start = match pos.row {

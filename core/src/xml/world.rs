@@ -51,14 +51,14 @@ pub(super) fn children(
             match end {
                 End::At(next) => at = next,
                 End::World(close) => return Some(close),
-                End::Text | End::Abandoned => {
-                    assembly.findings.push(piece::unclosed(text, open.name.clone()));
-                    return None;
-                }
+                End::Text | End::Abandoned => at = text.len(),
             }
         }
         if at >= text.len() {
-            assembly.findings.push(piece::unclosed(text, open.name.clone()));
+            // Behind other broken markup, the end tag may have been swallowed by it.
+            if !broken {
+                assembly.findings.push(piece::unclosed(text, open.name.clone()));
+            }
             return None;
         }
     }

@@ -7,7 +7,7 @@ mod output;
 mod png;
 mod read;
 
-pub use output::{Output, OutputError};
+pub use output::{Output, OutputError, plan_text, write_text};
 pub use read::{ReadError, Stored, read};
 
 use std::path::Path;

@@ -1,5 +1,6 @@
 //! Where a picture will go: checked before it is rendered, written whole or not at all.
 
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -49,6 +50,71 @@ pub struct Output {
     transfer: Transfer,
 }
 
+/// Makes sure that a text can be written to `path` by [`write_text`]. Nothing is left behind.
+///
+/// # Errors
+/// When its folder is not there or takes no files, or the name is not a file's.
+pub fn plan_text(path: &Path) -> Result<(), OutputError> {
+    if is_stream(path) { Ok(()) } else { place(path).map(drop) }
+}
+
+/// Writes `text` to `path`: to a file whole or not at all, to a device or FIFO as it comes.
+///
+/// # Errors
+/// When the system refuses.
+pub fn write_text(path: &Path, text: &str) -> Result<(), OutputError> {
+    if is_stream(path) {
+        return std::fs::write(path, text).map_err(|e| OutputError::Write(path.into(), e));
+    }
+    write_whole(path, &place(path)?, |to| to.write_all(text.as_bytes()))
+}
+
+/// Whether `path` is there and neither file nor folder, such as `/dev/stdout`.
+fn is_stream(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir())
+}
+
+/// The file that `path` leads to through symbolic links, its place known to take files.
+fn place(path: &Path) -> Result<PathBuf, OutputError> {
+    let linked = path.is_symlink().then(|| std::fs::canonicalize(path).ok()).flatten();
+    let target = linked.unwrap_or_else(|| path.into());
+    let folder = match target.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p.to_path_buf(),
+        _ => PathBuf::from("."),
+    };
+    match std::fs::metadata(&folder) {
+        Ok(m) if m.is_dir() => {}
+        Ok(_) => return Err(OutputError::NotAFolder(folder, path.into())),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(OutputError::NoFolder(folder, path.into())),
+        Err(e) if e.kind() == io::ErrorKind::NotADirectory => {
+            return Err(OutputError::NotAFolder(folder, path.into()));
+        }
+        Err(e) => return Err(OutputError::Folder(folder, e)),
+    }
+    match std::fs::metadata(&target) {
+        Ok(m) if m.is_dir() => return Err(OutputError::NotAFile(path.into(), "a folder")),
+        Ok(m) if !m.is_file() => return Err(OutputError::NotAFile(path.into(), "a device, FIFO or socket")),
+        _ => {}
+    }
+    // The one sure way to know that files can be made is to make one.
+    drop(Temporary::beside(&target).map_err(|e| OutputError::Folder(folder, e))?);
+    Ok(target)
+}
+
+/// Writes `target` (called `path`) under a temporary name first, so that nothing unfinished ever bears its own.
+fn write_whole(
+    path: &Path,
+    target: &Path,
+    write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+) -> Result<(), OutputError> {
+    let failed = |e| OutputError::Write(path.into(), e);
+    let mut temporary = Temporary::beside(target).map_err(failed)?;
+    let mut to = BufWriter::with_capacity(1 << 18, temporary.file());
+    write(&mut to).and_then(|()| to.flush()).map_err(failed)?;
+    drop(to);
+    temporary.keep(target).map_err(failed)
+}
+
 impl Output {
     /// Makes sure that a picture can be written to `path`: its kind is known, its folder
     /// is there and takes new files. Nothing is left behind.
@@ -57,28 +123,7 @@ impl Output {
     /// When one of these fails.
     pub fn plan(path: &Path, depth: Depth, transfer: Transfer) -> Result<Self, OutputError> {
         let kind = Kind::of(path).ok_or_else(|| OutputError::Extension(path.into()))?;
-        let target =
-            if path.is_symlink() { std::fs::canonicalize(path).unwrap_or_else(|_| path.into()) } else { path.into() };
-        let folder = match target.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p.to_path_buf(),
-            _ => PathBuf::from("."),
-        };
-        match std::fs::metadata(&folder) {
-            Ok(m) if m.is_dir() => {}
-            Ok(_) => return Err(OutputError::NotAFolder(folder, path.into())),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(OutputError::NoFolder(folder, path.into())),
-            Err(e) if e.kind() == io::ErrorKind::NotADirectory => {
-                return Err(OutputError::NotAFolder(folder, path.into()));
-            }
-            Err(e) => return Err(OutputError::Folder(folder, e)),
-        }
-        match std::fs::metadata(&target) {
-            Ok(m) if m.is_dir() => return Err(OutputError::NotAFile(path.into(), "a folder")),
-            Ok(m) if !m.is_file() => return Err(OutputError::NotAFile(path.into(), "a device, FIFO or socket")),
-            _ => {}
-        }
-        // The one sure way to know that files can be made is to make one.
-        drop(Temporary::beside(&target).map_err(|e| OutputError::Folder(folder, e))?);
+        let target = place(path)?;
         Ok(Self { path: path.into(), target, kind, depth, transfer })
     }
 
@@ -119,12 +164,7 @@ impl Output {
     /// When the system refuses, or the pixels are codes and the file holds floats or
     /// codes of another depth, or they are not `width` × `height`.
     pub fn write(&self, width: u32, height: u32, pixels: PixelsRef<'_>) -> Result<(), OutputError> {
-        let failed = |e| OutputError::Write(self.path.clone(), e);
-        let mut temporary = Temporary::beside(&self.target).map_err(failed)?;
-        let mut to = BufWriter::with_capacity(1 << 18, temporary.file());
-        self.encode(width, height, pixels, &mut to).and_then(|()| to.flush()).map_err(failed)?;
-        drop(to);
-        temporary.keep(&self.target).map_err(failed)
+        write_whole(&self.path, &self.target, |to| self.encode(width, height, pixels, to))
     }
 
     fn encode(&self, width: u32, height: u32, pixels: PixelsRef<'_>, to: &mut impl Write) -> io::Result<()> {

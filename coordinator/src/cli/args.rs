@@ -1,0 +1,305 @@
+//! The command line as it is written; [`super::options`] makes sense of it.
+
+use std::path::PathBuf;
+
+use clap::builder::styling::{AnsiColor, Styles};
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
+use tessera_core::film::Region;
+use tessera_core::settings::Transfer;
+
+const STYLES: Styles = Styles::styled()
+    .header(AnsiColor::Green.on_default().bold())
+    .usage(AnsiColor::Green.on_default().bold())
+    .literal(AnsiColor::Cyan.on_default().bold())
+    .placeholder(AnsiColor::Cyan.on_default());
+
+/// Renders pm2gl scenes on any number of workers.
+#[derive(Debug, Parser)]
+#[command(
+    name = "coordinator", version, styles = STYLES, max_term_width = 100,
+    after_help = "Examples:\n  \
+        coordinator render scene.xml                  scene.png, on this machine\n  \
+        coordinator check scene.xml                   what is wrong with it, what is in it\n  \
+        coordinator compare a.png b.png --diff d.png  how far two pictures are apart\n\n\
+        'coordinator COMMAND --help' says more about each.",
+)]
+pub(crate) struct Args {
+    /// Log what happens to stderr (-v: steps, -vv: details, -vvv: everything); RUST_LOG overrides it
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Render a scene to a picture
+    #[command(after_help = RENDER_EXAMPLES, after_long_help = RENDER_MORE)]
+    Render(Box<Render>),
+    /// Validate a scene and say what is in it
+    #[command(after_help = "Examples:\n  \
+        coordinator check scene.xml\n  \
+        coordinator check scene.xml --json | jq .scene.objects\n\n\
+        Exit code: 0 the scene is valid, warnings or not; 3 it is not.")]
+    Check(Check),
+    /// Measure how far two pictures are apart
+    #[command(after_help = "Examples:\n  \
+        coordinator compare a.png b.png\n  \
+        coordinator compare a.pfm b.pfm --tolerance 0.5       half an 8-bit step\n  \
+        coordinator compare a.png b.exr --tolerance 1/510     the same, as a share of full scale\n  \
+        coordinator compare a.png b.png --diff difference.png\n\n\
+        Exit code: 0 within the tolerance, 1 beyond it or of another size, 2 a file cannot be read.")]
+    Compare(Compare),
+    /// Print a script that completes this program's commands and flags in a shell
+    #[command(after_help = "Examples:\n  \
+        coordinator completions bash > ~/.local/share/bash-completion/completions/coordinator\n  \
+        coordinator completions fish > ~/.config/fish/completions/coordinator.fish")]
+    Completions {
+        /// The shell
+        shell: Shell,
+    },
+}
+
+const RENDER_EXAMPLES: &str = "Examples:\n  \
+    coordinator render scene.xml                            scene.png, 640x480, on this machine\n  \
+    coordinator render scene.xml -o big.png --size 1920x1080 --samples 16\n  \
+    coordinator render scene.xml --region 300,200,400,300   look at one part\n  \
+    coordinator render scene.xml --listen 0.0.0.0:4747      on workers elsewhere, each started by\n                                                          \
+    worker --connect THIS-HOST:4747\n\n\
+    '--help' says more about every flag.";
+
+const RENDER_MORE: &str = "Examples:\n  \
+    coordinator render scene.xml\n      \
+        scene.png, 640x480, on this machine\n  \
+    coordinator render scene.xml -o big.png --size 1920x1080 --samples 16\n      \
+        a larger picture, each pixel the mean of 4x4 points\n  \
+    coordinator render scene.xml -o part.png --size 1920x1080 --region 900,500,1000,600\n      \
+        100x100 pixels of it, the same as in the whole\n  \
+    coordinator render scene.xml -o radiance.exr --report report.json\n      \
+        linear floats, and what the render cost\n  \
+    coordinator render scene.xml --listen 0.0.0.0:4747\n      \
+        on workers elsewhere, each started by 'worker --connect THIS-HOST:4747'\n  \
+    coordinator render scene.xml --listen 0.0.0.0:4747 --workers 2\n      \
+        the same, and this machine helps\n\n\
+    Exit codes:\n  \
+    0    done\n  \
+    1    the render failed\n  \
+    2    the arguments make no sense, or the picture could not be written where it should\n  \
+    3    the scene is not valid\n  \
+    4    no worker came, or all were lost for good\n  \
+    130  interrupted; what was done is kept beside the target, as NAME.partial.png\n\n\
+    A first Ctrl-C stops and keeps what is done, a second one leaves at once.";
+
+/// Flags of `render`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Render {
+    /// Scene to render
+    pub(crate) scene: PathBuf,
+
+    /// Picture to write: .png, .ppm (P6), .pfm or .exr [default: the scene's name with .png, in the current folder]
+    #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
+    pub(crate) output: Option<PathBuf>,
+    /// Bits of each colour in PNG and PPM files
+    #[arg(long, value_name = "8|16", default_value = "8", value_parser = ["8", "16"], help_heading = "Picture")]
+    pub(crate) bits: String,
+    /// Pixels across and down
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size, allow_hyphen_values = true, help_heading = "Picture")]
+    pub(crate) size: (u32, u32),
+    /// Write only this part of the picture: half-open, in pixels from the upper left corner
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = region, allow_hyphen_values = true, help_heading = "Picture")]
+    pub(crate) region: Option<Region>,
+    /// What colour numbers of the scene, its pictures and 8/16-bit files mean
+    #[arg(long, value_name = "KIND", default_value = "srgb", help_heading = "Picture")]
+    pub(crate) transfer: TransferArg,
+
+    /// Distance of the image plane from the camera
+    #[arg(long, value_name = "Z", default_value = "1", allow_hyphen_values = true, help_heading = "Camera")]
+    pub(crate) zoom: f64,
+    /// Height of the image plane; its width follows, since pixels are square
+    #[arg(long, value_name = "H", default_value = "1", allow_hyphen_values = true, help_heading = "Camera")]
+    pub(crate) plane_height: f64,
+
+    /// Rays in a path at most, the camera's included: 1 shows no reflections
+    #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..), allow_hyphen_values = true, help_heading = "Accuracy")]
+    pub(crate) max_depth: u32,
+    /// Points sampled in each pixel, a square number: 1, 4, 9, 16, … 4096
+    #[arg(long, value_name = "N", default_value = "1", allow_hyphen_values = true, help_heading = "Accuracy")]
+    pub(crate) samples: u64,
+
+    /// Workers started inside this process [default: 2; with --listen, 0]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256), allow_hyphen_values = true, help_heading = "Farm")]
+    pub(crate) workers: Option<u16>,
+    /// Threads of all workers in this process together [default: one a core]
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024), allow_hyphen_values = true, help_heading = "Farm")]
+    pub(crate) threads: Option<u16>,
+    /// Also take workers that connect from elsewhere: HOST[:PORT], port 4747 where none is given
+    #[arg(long, value_name = "ADDR", help_heading = "Farm")]
+    pub(crate) listen: Option<String>,
+    /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
+    pub(crate) tile: TileArg,
+
+    /// Write what was rendered, how long it took, how many rays, and a hash of the pixels as JSON; '-' is stdout
+    #[arg(long, value_name = "FILE", help_heading = "Reporting")]
+    pub(crate) report: Option<PathBuf>,
+    /// How to show progress on stderr; 'auto' is a bar on a terminal, a line every 10 s elsewhere
+    #[arg(long, value_name = "KIND", default_value = "auto", help_heading = "Reporting")]
+    pub(crate) progress: ProgressArg,
+}
+
+/// Flags of `check`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Check {
+    /// Scene to check
+    pub(crate) scene: PathBuf,
+    /// Print JSON for machines instead of text
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Flags of `compare`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Compare {
+    /// The picture taken as right: .png, .ppm, .pfm or .exr
+    pub(crate) a: PathBuf,
+    /// The picture compared with it, of the same size
+    pub(crate) b: PathBuf,
+    /// Write a picture of the differences in false colour, with a scale
+    #[arg(long, value_name = "FILE")]
+    pub(crate) diff: Option<PathBuf>,
+    /// Largest RMSE to accept: in 8-bit steps (0.5), or as a fraction of full scale (1/510)
+    #[arg(long, value_name = "T", default_value = "0", value_parser = tolerance, allow_hyphen_values = true)]
+    pub(crate) tolerance: f64,
+    /// Compare encoded or linear numbers [default: as the files' codes are meant; linear where both hold floats]
+    #[arg(long, value_name = "KIND")]
+    pub(crate) transfer: Option<TransferArg>,
+    /// Print JSON for machines instead of text
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Meaning of colour numbers.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum TransferArg {
+    /// Encoded as in ordinary picture files and colour pickers
+    Srgb,
+    /// Proportional to light
+    Linear,
+}
+
+impl From<TransferArg> for Transfer {
+    fn from(arg: TransferArg) -> Self {
+        match arg {
+            TransferArg::Srgb => Self::Srgb,
+            TransferArg::Linear => Self::Linear,
+        }
+    }
+}
+
+/// Ways to show progress.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProgressArg {
+    /// A bar on a terminal, else plain
+    Auto,
+    /// A bar
+    Bar,
+    /// A line every 10 s
+    Plain,
+    /// A JSON object a line, every second
+    Json,
+    /// Nothing
+    None,
+}
+
+/// Edge of a tile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum TileArg {
+    Auto,
+    Edge(u32),
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let wrong = || "expected WIDTHxHEIGHT in pixels, such as 640x480".to_string();
+    let (w, h) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
+    let edge = |t: &str| match t.trim().parse::<u64>() {
+        Ok(n) if (1..=65536).contains(&n) => Ok(n as u32),
+        Ok(_) => Err("a picture is 1 to 65536 pixels wide and high".to_string()),
+        Err(e) if *e.kind() == std::num::IntErrorKind::PosOverflow => {
+            Err("a picture is 1 to 65536 pixels wide and high".to_string())
+        }
+        Err(_) => Err(wrong()),
+    };
+    Ok((edge(w)?, edge(h)?))
+}
+
+fn region(text: &str) -> Result<Region, String> {
+    let numbers: Vec<u32> = text
+        .split(',')
+        .map(|t| t.trim().parse().map_err(|_| format!("'{t}' is not a pixel's number; expected X0,Y0,X1,Y1")))
+        .collect::<Result<_, _>>()?;
+    let &[x0, y0, x1, y1] = &numbers[..] else {
+        return Err(format!("expected four numbers X0,Y0,X1,Y1, not {}", numbers.len()));
+    };
+    Region::new(x0, y0, x1, y1)
+        .ok_or_else(|| "it is empty: X1 must be above X0 and Y1 above Y0 (both ends are pixels' edges)".into())
+}
+
+fn tile(text: &str) -> Result<TileArg, String> {
+    if text == "auto" {
+        return Ok(TileArg::Auto);
+    }
+    match text.parse() {
+        Ok(n @ 1..=256) => Ok(TileArg::Edge(n)),
+        _ => Err("expected 'auto' or an edge of 1 to 256 pixels".into()),
+    }
+}
+
+/// An error in 8-bit steps, written as that or as a fraction of full scale.
+fn tolerance(text: &str) -> Result<f64, String> {
+    let wrong = || "expected 8-bit steps, such as 0.5, or a fraction of full scale, such as 1/510".to_string();
+    let number = |t: &str| t.trim().parse::<f64>().ok().filter(|x| x.is_finite() && *x >= 0.0).ok_or_else(wrong);
+    match text.split_once('/') {
+        None => number(text),
+        Some((above, below)) => {
+            let share = number(above)? / number(below)?;
+            if share.is_finite() { Ok(share * 255.0) } else { Err(wrong()) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_definition_holds_together() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn tolerances_are_steps_or_fractions() {
+        assert_eq!(tolerance("0.5"), Ok(0.5));
+        assert_eq!(tolerance("1/510"), Ok(0.5));
+        for bad in ["", "-1", "1/0", "0/0", "x", "1/2/3", "inf", "NaN"] {
+            assert!(tolerance(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sizes_and_regions_say_what_they_want() {
+        assert_eq!(size("12X7"), Ok((12, 7)));
+        for bad in ["0x5", "5x0", "65537x1", "99999999999999999999999x1"] {
+            assert!(size(bad).is_err_and(|e| e.contains("1 to 65536")), "{bad}");
+        }
+        for bad in ["", "640", "-1x5", "axb", "1x2x3", "1.5x2"] {
+            assert!(size(bad).is_err_and(|e| e.contains("WIDTHxHEIGHT")), "{bad}");
+        }
+        assert!(region("0,0,4,4").is_ok());
+        for (bad, why) in [("0,0,0,4", "empty"), ("1,2,3", "four"), ("-1,0,2,2", "'-1'"), ("1,1,1e3,2", "'1e3'")] {
+            assert!(region(bad).is_err_and(|e| e.contains(why)), "{bad}");
+        }
+    }
+}

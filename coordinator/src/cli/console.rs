@@ -1,0 +1,167 @@
+//! What the program says: results on stdout, everything else on stderr, never through a progress bar.
+
+use std::io::{IsTerminal, Write, stderr, stdout};
+
+use console::Term;
+use indicatif::{MultiProgress, ProgressDrawTarget, TermLike};
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::fmt::MakeWriter;
+
+/// What a word is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Tone {
+    /// Something failed.
+    Error,
+    /// Something looks wrong.
+    Warning,
+}
+
+/// Stdout and stderr, shared with the progress bar. A closed pipe is not an error:
+/// whoever closed it does not want the rest.
+#[derive(Clone, Debug)]
+pub(crate) struct Console {
+    bars: MultiProgress,
+    colour: bool,
+}
+
+impl Console {
+    /// The console of this process.
+    pub(crate) fn new() -> Self {
+        let unwanted = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
+        let terminal = stderr().is_terminal();
+        let bars = MultiProgress::new();
+        if terminal {
+            bars.set_draw_target(ProgressDrawTarget::term_like_with_hz(Box::new(Narrow(Term::buffered_stderr())), 15));
+        }
+        Self { bars, colour: terminal && !unwanted }
+    }
+
+    /// Where progress bars are drawn.
+    pub(crate) fn bars(&self) -> &MultiProgress {
+        &self.bars
+    }
+
+    /// Starts logging to stderr; does nothing when logging has started already.
+    pub(crate) fn log(&self, verbosity: u8) {
+        let default = match verbosity {
+            0 => "warn",
+            1 => "info",
+            2 => "debug",
+            _ => "trace",
+        };
+        let filter = match std::env::var("RUST_LOG") {
+            Ok(spec) if !spec.is_empty() => EnvFilter::new(spec),
+            _ => EnvFilter::new(default),
+        };
+        let _ = tracing_subscriber::fmt()
+            .with_env_filter(filter)
+            .with_ansi(self.colour)
+            .with_writer(LogWriter(self.clone()))
+            .try_init();
+    }
+
+    /// A result: as it is, to stdout.
+    pub(crate) fn out(&self, text: &str) {
+        let _ = stdout().lock().write_all(text.as_bytes());
+    }
+
+    /// A line to stderr.
+    pub(crate) fn say(&self, line: &str) {
+        self.bars.suspend(|| {
+            let _ = writeln!(stderr().lock(), "{line}");
+        });
+    }
+
+    /// A line that begins with "error:".
+    pub(crate) fn error(&self, message: &str) {
+        self.say(&format!("{} {message}", self.paint(Tone::Error, "error:")));
+    }
+
+    /// A line that begins with "warning:".
+    pub(crate) fn warning(&self, message: &str) {
+        self.say(&format!("{} {message}", self.paint(Tone::Warning, "warning:")));
+    }
+
+    /// `text` in the colour of `tone`, where stderr shows colours.
+    pub(crate) fn paint(&self, tone: Tone, text: &str) -> String {
+        if !self.colour {
+            return text.to_owned();
+        }
+        let code = match tone {
+            Tone::Error => "1;31",
+            Tone::Warning => "1;33",
+        };
+        format!("\x1b[{code}m{text}\x1b[0m")
+    }
+}
+
+/// The terminal, said to be a little narrower than it is. Bars fill their line, and what
+/// is echoed of Ctrl-C would break a full line in two, half of which would stay behind.
+#[derive(Debug)]
+struct Narrow(Term);
+
+impl TermLike for Narrow {
+    fn width(&self) -> u16 {
+        self.0.size().1.saturating_sub(3).max(1)
+    }
+
+    fn height(&self) -> u16 {
+        self.0.size().0
+    }
+
+    fn move_cursor_up(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_up(n)
+    }
+
+    fn move_cursor_down(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_down(n)
+    }
+
+    fn move_cursor_right(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_right(n)
+    }
+
+    fn move_cursor_left(&self, n: usize) -> std::io::Result<()> {
+        self.0.move_cursor_left(n)
+    }
+
+    fn write_line(&self, line: &str) -> std::io::Result<()> {
+        self.0.write_line(line)
+    }
+
+    fn write_str(&self, text: &str) -> std::io::Result<()> {
+        self.0.write_str(text)
+    }
+
+    fn clear_line(&self) -> std::io::Result<()> {
+        self.0.clear_line()
+    }
+
+    fn flush(&self) -> std::io::Result<()> {
+        self.0.flush()
+    }
+}
+
+/// Log lines, kept apart from the bar.
+struct LogWriter(Console);
+
+impl<'a> MakeWriter<'a> for LogWriter {
+    type Writer = LogLine<'a>;
+
+    fn make_writer(&'a self) -> Self::Writer {
+        LogLine(&self.0)
+    }
+}
+
+struct LogLine<'a>(&'a Console);
+
+impl Write for LogLine<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.bars.suspend(|| stderr().lock().write_all(bytes))?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,158 @@
+//! The flags of `render`, checked and made sense of.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use coordinator::{ListenAddr, PixelFormat, TileSize};
+use tessera_core::film::Region;
+use tessera_core::film::file::{Depth, Output};
+use tessera_core::settings::{Sampling, Settings, View};
+
+use super::args::{ProgressArg, Render, TileArg};
+use super::exit::{Exit, Failure};
+
+/// The port where a listener gives none.
+const DEFAULT_PORT: u16 = 4747;
+
+/// A render that makes sense, as far as can be known without reading the scene.
+#[derive(Debug)]
+pub(crate) struct Options {
+    pub(crate) scene: PathBuf,
+    pub(crate) output: Output,
+    pub(crate) settings: Settings,
+    pub(crate) region: Region,
+    pub(crate) pixels: PixelFormat,
+    pub(crate) tile: TileSize,
+    pub(crate) workers: usize,
+    pub(crate) threads: usize,
+    pub(crate) listen: Option<String>,
+    pub(crate) report: Option<ReportTo>,
+    pub(crate) progress: ProgressArg,
+    /// What was asked for and will have no effect.
+    pub(crate) notes: Vec<String>,
+}
+
+/// Where the report goes.
+#[derive(Debug)]
+pub(crate) enum ReportTo {
+    Stdout,
+    File(PathBuf),
+}
+
+impl Options {
+    /// Checks everything that can be wrong before the scene is read: numbers against each
+    /// other, the picture's place, the report's place.
+    pub(crate) fn new(raw: Render) -> Result<Self, Failure> {
+        let (width, height) = raw.size;
+        let view = View::new(width, height, raw.zoom, raw.plane_height).map_err(Failure::usage)?;
+        let sampling = Sampling::uniform(raw.samples).map_err(Failure::usage)?;
+        let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
+        let whole = Region { x0: 0, y0: 0, x1: width, y1: height };
+        let region = raw.region.unwrap_or(whole);
+        if !whole.contains(&region) {
+            let Region { x0, y0, x1, y1 } = region;
+            return Err(Failure::usage(format!(
+                "--region {x0},{y0},{x1},{y1} reaches outside the picture of {width}x{height} pixels"
+            )));
+        }
+
+        let depth = if raw.bits == "16" { Depth::Sixteen } else { Depth::Eight };
+        let path = match raw.output {
+            Some(path) => path,
+            None => default_output(&raw.scene)?,
+        };
+        let output = Output::plan(&path, depth, settings.transfer).map_err(Failure::usage)?;
+        let mut notes = Vec::new();
+        if output.kind().is_float() && depth == Depth::Sixteen {
+            notes.push(format!("--bits has no effect: .{} files hold 32-bit floats", output.kind().extension()));
+        }
+        let report = match raw.report {
+            None => None,
+            Some(path) if path.as_os_str() == "-" => Some(ReportTo::Stdout),
+            Some(path) => {
+                tessera_core::film::file::plan_text(&path).map_err(Failure::usage)?;
+                Some(ReportTo::File(path))
+            }
+        };
+        // Floats are asked of workers only where something needs them: the hash in a report does.
+        let pixels = match (output.depth(), &report) {
+            (Some(Depth::Eight), None) => PixelFormat::Rgb8,
+            (Some(Depth::Sixteen), None) => PixelFormat::Rgb16,
+            _ => PixelFormat::F32,
+        };
+        let workers = raw.workers.map_or(if raw.listen.is_some() { 0 } else { 2 }, usize::from);
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        Ok(Self {
+            scene: raw.scene,
+            output,
+            settings,
+            region,
+            pixels,
+            tile: match raw.tile {
+                TileArg::Auto => TileSize::Auto,
+                TileArg::Edge(n) => TileSize::Edge(n),
+            },
+            workers,
+            threads: raw.threads.map_or_else(cores, usize::from),
+            listen: raw.listen,
+            report,
+            progress: raw.progress,
+            notes,
+        })
+    }
+}
+
+/// The scene's name with `.png`, in the current folder.
+fn default_output(scene: &Path) -> Result<PathBuf, Failure> {
+    let stem = scene.file_stem().ok_or_else(|| {
+        Failure::usage(format!("'{}' names no scene file; give one, such as scene.xml", scene.display()))
+    })?;
+    let mut name = stem.to_os_string();
+    name.push(".png");
+    Ok(name.into())
+}
+
+/// The address that `--listen` means: HOST, HOST:PORT, :PORT, an IPv6 address with or without brackets.
+pub(crate) async fn resolve(listen: &str) -> Result<ListenAddr, Failure> {
+    let (host, port) = split(listen).map_err(|why| Failure::usage(format!("--listen {listen}: {why}")))?;
+    let failed = |why: &str| {
+        Failure::new(Exit::Failed, format!("cannot listen on '{listen}': the host '{host}' does not resolve ({why})"))
+    };
+    let mut found = tokio::net::lookup_host((host.as_str(), port)).await.map_err(|e| failed(&e.to_string()))?;
+    found.next().map(ListenAddr::Socket).ok_or_else(|| failed("no address"))
+}
+
+fn split(listen: &str) -> Result<(String, u16), &'static str> {
+    if let Ok(addr) = listen.parse::<SocketAddr>() {
+        return Ok((addr.ip().to_string(), addr.port()));
+    }
+    if let Ok(ip) = listen.trim_start_matches('[').trim_end_matches(']').parse::<std::net::IpAddr>() {
+        return Ok((ip.to_string(), DEFAULT_PORT));
+    }
+    let (host, port) = match listen.rsplit_once(':') {
+        None => (listen, DEFAULT_PORT),
+        Some((host, port)) => (host, port.parse().map_err(|_| "the port must be a number from 0 to 65535")?),
+    };
+    if host.contains(':') {
+        return Err("write an IPv6 address with a port as [ADDRESS]:PORT");
+    }
+    Ok((if host.is_empty() { "0.0.0.0" } else { host }.to_owned(), port))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn listeners_are_hosts_with_or_without_ports() {
+        let ok = |text: &str| split(text).map(|(h, p)| format!("{h} {p}"));
+        assert_eq!(ok("0.0.0.0:80").unwrap(), "0.0.0.0 80");
+        assert_eq!(ok("::1").unwrap(), "::1 4747");
+        assert_eq!(ok("[::1]").unwrap(), "::1 4747");
+        assert_eq!(ok("[::1]:5").unwrap(), "::1 5");
+        assert_eq!(ok("farm").unwrap(), "farm 4747");
+        assert_eq!(ok("farm:9").unwrap(), "farm 9");
+        assert_eq!(ok(":9").unwrap(), "0.0.0.0 9");
+        assert!(ok("farm:99999").is_err() && ok("farm:").is_err() && ok("a:b:1").is_err());
+    }
+}

@@ -1,0 +1,210 @@
+//! `coordinator render`: a scene file to a picture file.
+
+use std::future::Future;
+use std::sync::Arc;
+use std::time::Instant;
+
+use coordinator::{Farm, Pixels, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use tessera_core::film::PixelsRef;
+use tessera_core::film::file::{Output, write_text};
+use tessera_core::trace::PreparedScene;
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+use tracing::info;
+
+use super::args::{ProgressArg, Render};
+use super::console::Console;
+use super::describe::Description;
+use super::exit::{Exit, Failure};
+use super::options::{Options, ReportTo, resolve};
+use super::report::{Phases, Report};
+use super::{progress, scene, signals};
+
+/// Renders as the flags say; `began` is when the program started.
+pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit, Failure> {
+    let options = Options::new(raw)?;
+    for note in &options.notes {
+        console.warning(note);
+    }
+    let internal = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, format!("cannot start threads: {e}"));
+    // Reading and building keep to the threads the user allows, as rendering does.
+    rayon::ThreadPoolBuilder::new().num_threads(options.threads).build_global().map_err(|e| internal(&e))?;
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(|e| internal(&e))?;
+    let done = runtime.block_on(render(Arc::new(options), console, began));
+    // What may still run (a scene half read when a signal came) is not waited for.
+    runtime.shutdown_background();
+    done
+}
+
+async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Result<Exit, Failure> {
+    let stop = signals::stop_on_signal(console);
+    let farm = bind(&options, console).await?;
+
+    let mut phases = Phases::default();
+    let reading = Instant::now();
+    let path = options.scene.clone();
+    let read = unless_stopped(&stop, blocking(move || scene::read(&path))).await??;
+    phases.read = reading.elapsed();
+    info!(seconds = phases.read.as_secs_f64(), "scene read");
+    let scene = scene::accept(read, &options.scene, console)?;
+    let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
+
+    let source = if options.workers > 0 {
+        let building = Instant::now();
+        let prepared = unless_stopped(&stop, blocking(move || PreparedScene::build(scene))).await??;
+        phases.build = building.elapsed();
+        info!(seconds = phases.build.as_secs_f64(), "structures built");
+        SceneSource::Prepared(Arc::new(prepared))
+    } else {
+        SceneSource::Resolved(scene)
+    };
+
+    let job = RenderJob {
+        region: options.region,
+        pixels: options.pixels,
+        tile: options.tile,
+        workers: options.workers,
+        threads: options.threads,
+        ..RenderJob::new(source, options.settings)
+    };
+    let (tell, watched) = watch::channel(Progress::default());
+    let shown = tokio::spawn(progress::show(progress::Style::of(options.progress), watched, console.clone()));
+    let ended = farm.render(job, tell, stop).await;
+    // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
+    let _ = shown.await;
+
+    let (rendered, unfinished) = match ended {
+        Ok(rendered) => (rendered, None),
+        Err(Unfinished { error, partial }) => match partial.filter(|p| !p.done.is_empty()) {
+            Some(partial) => (*partial, Some(error)),
+            None => return Err(failure(&error)),
+        },
+    };
+    let output = if unfinished.is_none() { options.output.clone() } else { options.output.partial() };
+    let finish = {
+        let (options, output) = (Arc::clone(&options), output.clone());
+        move || finish(&options, &output, &rendered, description.as_ref(), phases, began).map(|()| rendered)
+    };
+    let rendered = blocking(finish).await??;
+    let summary = summary(&output, &rendered, began);
+    match unfinished {
+        None => {
+            if options.progress != ProgressArg::None {
+                console.say(&summary);
+            }
+            Ok(Exit::Done)
+        }
+        Some(error) => {
+            let mut failure = failure(&error);
+            failure.message = format!("{}\n{summary}", failure.message);
+            Err(failure)
+        }
+    }
+}
+
+/// Listens before anything is read, so that a port in use costs no time.
+async fn bind(options: &Options, console: &Console) -> Result<Farm, Failure> {
+    let listen = match &options.listen {
+        Some(text) => resolve(text).await?,
+        None => coordinator::ListenAddr::Loopback,
+    };
+    let farm = Farm::bind(listen).await.map_err(|e| match &e {
+        RenderError::Listen { source, .. } if source.kind() == std::io::ErrorKind::AddrInUse => Failure::new(
+            Exit::Failed,
+            format!("{e}; another program listens there: choose another port, or 0 for any free one"),
+        ),
+        _ => failure(&e),
+    })?;
+    if options.listen.is_some() || options.workers == 0 {
+        console.say(&format!(
+            "workers are awaited on {}; start them by: worker --connect HOST:{}",
+            farm.addr(),
+            farm.addr().port()
+        ));
+    }
+    Ok(farm)
+}
+
+/// Runs `work` off the async threads.
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|e| Failure::new(Exit::Failed, format!("internal error: {e}; please report it")))
+}
+
+/// What `work` gives, unless a signal comes first.
+async fn unless_stopped<T>(stop: &CancellationToken, work: impl Future<Output = T>) -> Result<T, Failure> {
+    tokio::select! {
+        done = work => Ok(done),
+        () = stop.cancelled() => Err(Failure::new(Exit::Interrupted, "interrupted before anything was rendered")),
+    }
+}
+
+/// Writes the picture and the report.
+fn finish(
+    options: &Options,
+    output: &Output,
+    rendered: &Rendered,
+    description: Option<&Description>,
+    mut phases: Phases,
+    began: Instant,
+) -> Result<(), Failure> {
+    let writing = Instant::now();
+    let pixels = match &rendered.image {
+        Pixels::Rgb8(p) => PixelsRef::Rgb8(p),
+        Pixels::Rgb16(p) => PixelsRef::Rgb16(p),
+        Pixels::F32(p) => PixelsRef::F32(p),
+    };
+    let failed = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, e);
+    output.write(rendered.region.width(), rendered.region.height(), pixels).map_err(|e| failed(&e))?;
+    phases.write = writing.elapsed();
+    info!(seconds = phases.write.as_secs_f64(), file = %output.path().display(), "picture written");
+    let (Some(to), Some(description)) = (&options.report, description) else { return Ok(()) };
+    let name = output.path().display().to_string();
+    let report = Report::new(options, name, description, rendered, &phases, began.elapsed());
+    let text = report.to_text().map_err(|e| failed(&e))?;
+    match to {
+        ReportTo::Stdout => Console::new().out(&text),
+        ReportTo::File(path) => write_text(path, &text).map_err(|e| failed(&e))?,
+    }
+    Ok(())
+}
+
+/// One line about what was written.
+fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
+    let rays = rendered.rays.camera + rendered.rays.mirror + rendered.rays.shadow;
+    let seconds = rendered.trace.as_secs_f64();
+    let speed = if seconds > 0.0 { rays as f64 / seconds / 1e6 } else { 0.0 };
+    let part = if rendered.is_complete() {
+        String::new()
+    } else {
+        let done: u64 = rendered.done.iter().map(|r| r.area()).sum();
+        format!(", {:.0} % of it", 100.0 * done as f64 / rendered.region.area() as f64)
+    };
+    format!(
+        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s",
+        output.path().display(),
+        rendered.region.width(),
+        rendered.region.height(),
+        progress::duration(began.elapsed()),
+        rays as f64 / 1e6,
+    )
+}
+
+/// How `error` ends the program.
+fn failure(error: &RenderError) -> Failure {
+    let exit = match error {
+        RenderError::NoWorkers { .. } => Exit::NoWorkers,
+        RenderError::Prepare(_) | RenderError::Region(_) => Exit::Usage,
+        RenderError::Cancelled => return Failure::new(Exit::Interrupted, "interrupted"),
+        RenderError::Listen { .. } | RenderError::Tile { .. } | RenderError::Internal(_) => Exit::Failed,
+    };
+    let remedy = match error {
+        RenderError::NoWorkers { ever: false, .. } => {
+            "; start workers by 'worker --connect HOST:PORT', or let this machine help with --workers N"
+        }
+        _ => "",
+    };
+    Failure::new(exit, format!("{error}{remedy}"))
+}

@@ -1,0 +1,104 @@
+//! A scene file, and what is wrong with it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use serde::Serialize;
+use tessera_core::scene::Scene;
+use tessera_core::xml::{self, Diagnostic, ReadOptions, Severity};
+
+use super::console::{Console, Tone};
+use super::exit::{Exit, Failure};
+
+/// What a scene file came to.
+#[derive(Debug)]
+pub(crate) struct Read {
+    /// The scene, where there is no error in it.
+    pub(crate) scene: Option<Scene>,
+    /// Errors and warnings, in document order.
+    pub(crate) diagnostics: Vec<Diagnostic>,
+    /// What is to be said about diagnostics that were left out.
+    omitted: Option<String>,
+}
+
+/// Reads the scene at `path`.
+pub(crate) fn read(path: &Path) -> Read {
+    match xml::read_file(path, &ReadOptions::default()) {
+        Ok(xml::Read { scene, warnings, omitted_warnings }) => Read {
+            scene: Some(scene),
+            diagnostics: warnings,
+            omitted: (omitted_warnings > 0).then(|| format!("{omitted_warnings} more warnings")),
+        },
+        Err(xml::ReadError { diagnostics, cut }) => {
+            let omitted = cut.then(|| "reading ended here; there may be more errors".to_owned());
+            Read { scene: None, diagnostics, omitted }
+        }
+    }
+}
+
+impl Read {
+    /// How many errors and warnings there are, as far as they are reported.
+    pub(crate) fn counts(&self) -> (usize, usize) {
+        let errors = self.diagnostics.iter().filter(|d| d.severity == Severity::Error).count();
+        (errors, self.diagnostics.len() - errors)
+    }
+
+    /// Says what is wrong, marked in its line, on stderr.
+    pub(crate) fn tell(&self, console: &Console) {
+        let paint = |severity, text: &str| {
+            let tone = if severity == Severity::Error { Tone::Error } else { Tone::Warning };
+            console.paint(tone, text)
+        };
+        for diagnostic in &self.diagnostics {
+            console.say(&diagnostic.render(&paint));
+            console.say("");
+        }
+        if let Some(omitted) = &self.omitted {
+            console.say(&format!("{omitted}\n"));
+        }
+    }
+}
+
+/// Says what is wrong with a scene, and gives it back if it can be rendered.
+pub(crate) fn accept(read: Read, path: &Path, console: &Console) -> Result<Arc<Scene>, Failure> {
+    read.tell(console);
+    let (errors, _) = read.counts();
+    read.scene.map(Arc::new).ok_or_else(|| {
+        let errors = if errors == 1 { "1 error".into() } else { format!("{errors} errors") };
+        Failure::new(Exit::Scene, format!("'{}' is not a valid scene: {errors}", path.display()))
+    })
+}
+
+/// A diagnostic for machines.
+#[derive(Debug, Serialize)]
+pub(crate) struct DiagnosticJson<'a> {
+    severity: &'static str,
+    code: &'static str,
+    file: &'a str,
+    line: Option<u64>,
+    column: Option<u64>,
+    message: &'a str,
+    source_line: Option<&'a str>,
+    /// The spot in `source_line`: characters from 0, half-open.
+    marked: Option<[usize; 2]>,
+    expected: Option<&'a str>,
+    suggestion: Option<&'a str>,
+}
+
+impl<'a> From<&'a Diagnostic> for DiagnosticJson<'a> {
+    fn from(d: &'a Diagnostic) -> Self {
+        let place = d.place.as_ref();
+        Self {
+            severity: if d.severity == Severity::Error { "error" } else { "warning" },
+            code: d.code.as_str(),
+            file: &d.file,
+            line: place.map(|p| p.line),
+            column: place.map(|p| p.column),
+            message: &d.message,
+            source_line: place.map(|p| p.source_line.as_str()),
+            marked: place.map(|p| [p.marked.start, p.marked.end]),
+            expected: d.expected.as_deref(),
+            suggestion: d.suggestion.as_deref(),
+        }
+    }
+}

@@ -1,0 +1,339 @@
+//! The one task that owns the scheduler: it hears workers, reads the clock, and does
+//! what the scheduler asks for.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use tessera_core::film::Region;
+use tessera_proto::convert::{TileDone, check_size};
+use tessera_proto::wire::coordinator_message::Kind;
+use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
+use tessera_proto::{InstanceId, SessionId};
+use tokio::sync::{mpsc, watch};
+use tokio::time::{Instant, sleep_until, timeout_at};
+use tokio_util::sync::CancellationToken;
+use tonic::Status;
+
+use super::service::{Door, Heard, Joined, Mouth, Said, Visitor};
+use super::timing::Timing;
+use crate::job::{Progress, RenderError, WorkerStats};
+use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
+
+/// Workers that may register in one render, reconnections of the same one not counted.
+const WORKERS: usize = 10_000;
+/// How long workers are given to hear that the render is over.
+const GOODBYE_WITHIN: Duration = Duration::from_millis(250);
+
+/// A worker that is connected.
+struct Seat {
+    session: SessionId,
+    mouth: Mouth,
+    cut: CancellationToken,
+    instance: InstanceId,
+    /// Place of its figures in [`Progress::workers`].
+    place: usize,
+}
+
+/// See the [module](self).
+pub(super) struct Driver {
+    scheduler: Scheduler,
+    door: Arc<Door>,
+    heard: mpsc::Receiver<Heard>,
+    tiles: mpsc::Sender<(Region, Bytes)>,
+    progress: watch::Sender<Progress>,
+    start: Instant,
+    timing: Timing,
+    seats: BTreeMap<WorkerKey, Seat>,
+    places: HashMap<InstanceId, usize>,
+    /// Workers that broke the rules, and how.
+    banned: HashMap<InstanceId, String>,
+    next_worker: u64,
+    last_cause: Option<String>,
+}
+
+impl Driver {
+    pub(super) fn new(
+        scheduler: Scheduler,
+        door: Arc<Door>,
+        heard: mpsc::Receiver<Heard>,
+        tiles: mpsc::Sender<(Region, Bytes)>,
+        progress: watch::Sender<Progress>,
+        (start, timing): (Instant, Timing),
+    ) -> Self {
+        Self {
+            scheduler,
+            door,
+            heard,
+            tiles,
+            progress,
+            start,
+            timing,
+            seats: BTreeMap::new(),
+            places: HashMap::new(),
+            banned: HashMap::new(),
+            next_worker: 0,
+            last_cause: None,
+        }
+    }
+
+    /// Renders until the end, and dismisses the workers. Also says when the end was.
+    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant) {
+        let end = loop {
+            let wake = self.start + self.scheduler.wake_at();
+            let end = tokio::select! {
+                biased;
+                () = cancel.cancelled() => break Err(RenderError::Cancelled),
+                heard = self.heard.recv() => match heard {
+                    Some(heard) => self.hear(heard).await,
+                    None => break Err(RenderError::Internal("nobody listens".into())),
+                },
+                () = sleep_until(wake) => self.tell(Event::Tick, None).await,
+            };
+            if let Some(end) = end {
+                break end;
+            }
+        };
+        let ended = Instant::now();
+        self.dismiss().await;
+        (end, ended)
+    }
+
+    async fn hear(&mut self, heard: Heard) -> Option<Result<(), RenderError>> {
+        match heard {
+            Heard::Joined(joined) => self.admit(joined).await,
+            Heard::Left { worker, cause } => {
+                if self.seats.contains_key(&worker) {
+                    self.unseat(worker, &cause);
+                    return self.tell(Event::Left { worker, cause }, None).await;
+                }
+                None
+            }
+            // Words that were on their way when the session ended.
+            Heard::Said { worker, .. } if !self.seats.contains_key(&worker) => None,
+            Heard::Said { worker, said } => match said {
+                Said::Beat => self.tell(Event::Heard { worker }, None).await,
+                Said::Ready => self.tell(Event::Ready { worker }, None).await,
+                Said::Draining => self.tell(Event::Draining { worker }, None).await,
+                Said::Returned { lease, attempt } => self.tell(Event::Returned { worker, lease, attempt }, None).await,
+                Said::Failed { lease, attempt, cause } => {
+                    tracing::warn!("{} failed at a tile: {cause}", self.name(worker));
+                    self.tell(Event::Failed { worker, lease, attempt, cause }, None).await
+                }
+                Said::Unable(cause) => {
+                    self.unseat(worker, &cause);
+                    self.tell(Event::Left { worker, cause }, None).await
+                }
+                Said::Nonsense(rule) => self.tell(Event::Broke { worker, rule }, None).await,
+                Said::Done(done) => self.delivered(worker, done).await,
+            },
+        }
+    }
+
+    async fn delivered(&mut self, worker: WorkerKey, done: TileDone) -> Option<Result<(), RenderError>> {
+        if let Some(region) = self.scheduler.region_of(worker, done.lease)
+            && let Err(e) = check_size(&done.pixels, self.door.pixels, &region)
+        {
+            return self.tell(Event::Broke { worker, rule: e.to_string() }, None).await;
+        }
+        let TileDone { lease, attempt, busy, idle, .. } = done;
+        self.tell(Event::Done { worker, lease, attempt, busy, idle }, Some(done)).await
+    }
+
+    /// Tells the scheduler, and does what it asks for. `done` is the tile at hand.
+    async fn tell(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
+        let mut effects = Vec::new();
+        self.scheduler.handle(event, self.start.elapsed(), &mut effects);
+        let mut end = None;
+        for effect in effects {
+            match effect {
+                Effect::Grant { worker, lease } => self.say(worker, Kind::Lease(lease.into())),
+                Effect::Revoke { worker, lease } => self.say(worker, Kind::Revoke(Revoke { lease: lease.0 })),
+                Effect::Accept { worker, region } => {
+                    let Some(done) = &done else { continue };
+                    self.count(worker, region, done);
+                    // Waits where stitching is slower than the farm; so, then, do the workers.
+                    if self.tiles.send((region, done.pixels.clone())).await.is_err() {
+                        end = Some(Err(RenderError::Internal("the stitcher stopped".into())));
+                    }
+                }
+                Effect::Lost { worker, tiles } => {
+                    self.figures(worker, |w| w.lost += tiles);
+                }
+                Effect::CutOff { worker, why } => self.cut_off(worker, &why),
+                Effect::End(e) => {
+                    end = Some(match e {
+                        End::Complete => Ok(()),
+                        End::NoWorkers { waited, ever } => {
+                            Err(RenderError::NoWorkers { waited, ever, last: self.last_cause.clone() })
+                        }
+                        End::TileFailed { region, attempts, cause } => {
+                            Err(RenderError::Tile { region, attempts, cause })
+                        }
+                    });
+                }
+            }
+        }
+        end
+    }
+
+    async fn admit(&mut self, joined: Joined) -> Option<Result<(), RenderError>> {
+        let Joined { registration, address, mouth, cut, reply } = joined;
+        let instance = registration.instance;
+        if let Some(rule) = self.banned.get(&instance) {
+            let _ = reply.send(Err(Status::permission_denied(format!("cut off before: {rule}"))));
+            return None;
+        }
+        let known = self.places.get(&instance).copied();
+        if known.is_none() && self.places.len() >= WORKERS {
+            let _ = reply.send(Err(Status::resource_exhausted("too many workers")));
+            return None;
+        }
+        let worker = WorkerKey(self.next_worker);
+        self.next_worker += 1;
+        let session = SessionId(fastrand::u64(..));
+        let (place, name) = self.place(known, registration.name, registration.threads, address);
+        self.places.insert(instance, place);
+        let welcome = Welcome {
+            session: session.0,
+            name: name.clone(),
+            heartbeat_interval_ms: self.timing.beat.as_millis() as u32,
+            suspect_after_ms: self.timing.suspect_after.as_millis() as u32,
+            dead_after_ms: self.timing.dead_after.as_millis() as u32,
+        };
+        let sessions = &self.door.sessions;
+        sessions.lock().unwrap_or_else(PoisonError::into_inner).insert(session, Visitor::new(worker));
+        self.seats.insert(worker, Seat { session, mouth, cut, instance, place });
+        self.say(worker, Kind::Welcome(welcome));
+        if reply.send(Ok((worker, session))).is_err() {
+            self.unseat(worker, "it left while registering");
+            return None;
+        }
+        tracing::info!("{name} joined with {} threads", registration.threads);
+        self.tell(Event::Joined { worker, threads: registration.threads, instance }, None).await
+    }
+
+    /// Where a worker's figures are kept, and the name they are kept under: its own, unless
+    /// another worker has it.
+    fn place(&self, known: Option<usize>, name: String, threads: u32, address: String) -> (usize, String) {
+        let mut given = None;
+        self.progress.send_modify(|p| {
+            if let Some((place, w)) = known.and_then(|k| Some((k, p.workers.get_mut(k)?))) {
+                w.connected = true;
+                w.left = None;
+                w.address = address;
+                given = Some((place, w.name.clone()));
+                return;
+            }
+            let taken = |name: &str| p.workers.iter().any(|w| w.name == name);
+            let mut unique = name.clone();
+            let mut n = 2u32;
+            while taken(&unique) {
+                unique = format!("{name} ({n})");
+                n += 1;
+            }
+            let stats =
+                WorkerStats { name: unique.clone(), threads, address, connected: true, ..WorkerStats::default() };
+            given = Some((p.workers.len(), unique));
+            p.workers.push(stats);
+        });
+        given.unwrap_or((0, name))
+    }
+
+    fn say(&mut self, worker: WorkerKey, kind: Kind) {
+        let Some(seat) = self.seats.get(&worker) else { return };
+        let message = CoordinatorMessage { kind: Some(kind) };
+        if seat.mouth.try_send(Ok(message)).is_err() {
+            // It does not read: ending its stream makes it leave.
+            seat.cut.cancel();
+        }
+    }
+
+    fn cut_off(&mut self, worker: WorkerKey, why: &CutOff) {
+        let status = match why {
+            CutOff::Broke(rule) => Status::invalid_argument(format!("this worker was cut off: {rule}")),
+            CutOff::Silent(time) => Status::deadline_exceeded(format!("nothing was heard for {time:.1?}")),
+            CutOff::Unready(time) => Status::deadline_exceeded(format!("the scene was not ready after {time:.0?}")),
+        };
+        let cause = status.message().to_owned();
+        if let Some(seat) = self.seats.get(&worker) {
+            if let CutOff::Broke(rule) = why {
+                self.banned.insert(seat.instance, rule.clone());
+            }
+            let _ = seat.mouth.try_send(Err(status));
+            seat.cut.cancel();
+        }
+        self.unseat(worker, &cause);
+    }
+
+    fn unseat(&mut self, worker: WorkerKey, cause: &str) {
+        tracing::warn!("{} left: {cause}", self.name(worker));
+        self.figures(worker, |w| {
+            w.connected = false;
+            w.left = Some(cause.into());
+        });
+        self.last_cause = Some(format!("{}: {cause}", self.name(worker)));
+        if let Some(seat) = self.seats.remove(&worker) {
+            self.door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&seat.session);
+            seat.cut.cancel();
+        }
+    }
+
+    fn name(&self, worker: WorkerKey) -> String {
+        let progress = self.progress.borrow();
+        let stats = self.seats.get(&worker).and_then(|s| progress.workers.get(s.place));
+        stats.map_or_else(|| "a worker".into(), |w| w.name.clone())
+    }
+
+    fn figures(&self, worker: WorkerKey, change: impl FnOnce(&mut WorkerStats)) {
+        let Some(place) = self.seats.get(&worker).map(|s| s.place) else { return };
+        self.progress.send_modify(|p| {
+            if let Some(w) = p.workers.get_mut(place) {
+                change(w);
+            }
+        });
+    }
+
+    fn count(&self, worker: WorkerKey, region: Region, done: &TileDone) {
+        let (tiles_total, elapsed) = (self.scheduler.tiles_estimate(), self.start.elapsed());
+        let place = self.seats.get(&worker).map(|s| s.place);
+        self.progress.send_modify(|p| {
+            p.tiles_done += 1;
+            p.tiles_total = tiles_total.max(p.tiles_done);
+            p.pixels_done += region.area();
+            p.rays += done.rays;
+            p.elapsed = elapsed;
+            if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
+                w.tiles += 1;
+                w.pixels += region.area();
+                w.rays += done.rays;
+                w.busy += done.busy;
+            }
+        });
+    }
+
+    /// Tells everyone that there is no more work, and waits a little for them to hear it.
+    async fn dismiss(&mut self) {
+        self.seats.retain(|_, seat| {
+            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished {})) };
+            seat.mouth.try_send(Ok(bye)).is_ok()
+        });
+        let mut waiting: Vec<WorkerKey> = self.seats.keys().copied().collect();
+        // A worker leaves when it has heard; its stream must stay open until then.
+        let deadline = Instant::now() + GOODBYE_WITHIN;
+        while !waiting.is_empty() {
+            match timeout_at(deadline, self.heard.recv()).await {
+                Ok(Some(Heard::Left { worker, .. })) => waiting.retain(|w| *w != worker),
+                Ok(Some(Heard::Joined(late))) => {
+                    let _ = late.reply.send(Err(Status::unavailable("the render is over")));
+                }
+                Ok(Some(Heard::Said { .. })) => {}
+                Ok(None) | Err(_) => break,
+            }
+        }
+        for seat in self.seats.values() {
+            seat.cut.cancel();
+        }
+    }
+}

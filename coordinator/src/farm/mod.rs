@@ -1,0 +1,209 @@
+//! A render from listening to the finished picture.
+
+mod driver;
+mod incoming;
+mod service;
+mod stitch;
+mod timing;
+
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::{Arc, Mutex};
+
+use tessera_core::film::Region;
+use tessera_core::settings::Sampling;
+use tessera_core::trace::PreparedScene;
+use tessera_proto::limits::{KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT};
+use tokio::net::TcpListener;
+use tokio::sync::{OnceCell, mpsc, watch};
+use tokio::task::{AbortHandle, JoinSet};
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tonic::transport::Server;
+use worker::{LocalScene, TileTracer};
+
+use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use crate::scheduler::{self, Scheduler};
+use driver::Driver;
+use service::{Door, Service};
+use stitch::Stitched;
+
+pub use timing::Timing;
+
+/// What workers said and the driver has not heard yet: bounds memory, since every tile may be
+/// 768 KiB.
+const HEARD: usize = 16;
+/// Streams of one connection: the session, a heartbeat, a fetch, and some to spare.
+const STREAMS: u32 = 8;
+/// Bytes of results that one connection may have on their way.
+const WINDOW: u32 = 4 << 20;
+
+/// A farm that listens, so that a busy port is known before anything is read or traced.
+#[derive(Debug)]
+pub struct Farm {
+    listener: TcpListener,
+    addr: SocketAddr,
+}
+
+impl Farm {
+    /// Listens for workers. They can connect from now on; they are answered once [`Farm::render`] runs.
+    ///
+    /// # Errors
+    /// [`RenderError::Listen`] when the address is taken or not of this machine.
+    pub async fn bind(listen: ListenAddr) -> Result<Self, RenderError> {
+        let wanted = match listen {
+            ListenAddr::Loopback => SocketAddr::from(([127, 0, 0, 1], 0)),
+            ListenAddr::Socket(addr) => addr,
+        };
+        let failed = |source| RenderError::Listen { addr: wanted, source };
+        let listener = TcpListener::bind(wanted).await.map_err(failed)?;
+        let addr = listener.local_addr().map_err(failed)?;
+        Ok(Self { listener, addr })
+    }
+
+    /// The address workers connect to, with its actual port.
+    #[must_use]
+    pub fn addr(&self) -> SocketAddr {
+        self.addr
+    }
+
+    /// Renders `job`, keeping `progress` up to date, until done, failed or cancelled.
+    ///
+    /// # Errors
+    /// [`Unfinished`], with everything that was done until then.
+    pub async fn render(
+        self,
+        job: RenderJob,
+        progress: watch::Sender<Progress>,
+        cancel: CancellationToken,
+    ) -> Result<Rendered, Unfinished> {
+        let start = Instant::now();
+        let view = job.settings.view;
+        let whole = Region { x0: 0, y0: 0, x1: view.width(), y1: view.height() };
+        if !whole.contains(&job.region)
+            || Region::new(job.region.x0, job.region.y0, job.region.x1, job.region.y1).is_none()
+        {
+            return Err(RenderError::Region(job.region).into());
+        }
+        let tracer = tracer(&job).await?;
+        progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
+
+        let (heard_by, heard) = mpsc::channel(HEARD);
+        let door = Arc::new(Door {
+            heard: heard_by,
+            sessions: Mutex::default(),
+            scene: job.scene.scene().clone(),
+            settings: job.settings,
+            pixels: job.pixels,
+            secret: std::array::from_fn(|_| fastrand::u8(..)),
+            described: OnceCell::new(),
+        });
+        let closing = CancellationToken::new();
+        // Whatever ends this future ends the server and the workers with it.
+        let _closing = closing.clone().drop_guard();
+        let server = Server::builder()
+            .max_concurrent_streams(STREAMS)
+            .initial_stream_window_size(WINDOW)
+            .initial_connection_window_size(WINDOW)
+            .http2_keepalive_interval(Some(KEEPALIVE_INTERVAL))
+            .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
+            .add_service(Service(door.clone()).into_server())
+            .serve_with_incoming_shutdown(
+                incoming::accept(self.listener, closing.clone()),
+                closing.clone().cancelled_owned(),
+            );
+        let server = Aborted(tokio::spawn(server).abort_handle());
+
+        let local = tracer.map(|tracer| LocalScene { secret: door.secret, tracer });
+        let workers = local.map(|local| start_workers(&job, self.addr, &local, &closing));
+        let Sampling::Uniform { grid } = job.settings.sampling;
+        let scheduler = Scheduler::new(scheduler::Config {
+            region: job.region,
+            tile: job.tile,
+            samples: grid * grid,
+            expected: job.workers,
+            patience: job.patience,
+            suspect_after: job.timing.suspect_after,
+            dead_after: job.timing.dead_after,
+            prepare_within: job.timing.prepare_within,
+        });
+        let (tiles, stitcher) = stitch::start(job.region, job.pixels);
+        let driver = Driver::new(scheduler, door, heard, tiles, progress.clone(), (start, job.timing));
+        let (ended, end) = driver.run(&cancel).await;
+        let Stitched { image, done } = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
+        drop((server, workers));
+
+        let p = progress.borrow().clone();
+        let (tiles, trace) = (done.len() as u64, end - start);
+        let rendered = Rendered { region: job.region, image, done, rays: p.rays, workers: p.workers, tiles, trace };
+        match ended {
+            Ok(()) => Ok(rendered),
+            Err(error) => Err(Unfinished { error, partial: Some(Box::new(rendered)) }),
+        }
+    }
+}
+
+/// What renders tiles in this process, one for all its workers; `None` where there are none.
+async fn tracer(job: &RenderJob) -> Result<Option<Arc<dyn TileTracer>>, RenderError> {
+    if job.workers == 0 {
+        return Ok(None);
+    }
+    let (scene, studio, settings) = (job.scene.clone(), job.studio.clone(), job.settings);
+    let opened = tokio::task::spawn_blocking(move || {
+        let prepared = match scene {
+            SceneSource::Prepared(prepared) => prepared,
+            SceneSource::Resolved(scene) => Arc::new(PreparedScene::build(scene)),
+        };
+        studio.open(prepared, settings)
+    });
+    Ok(Some(opened.await.map_err(|e| RenderError::Internal(e.to_string()))??))
+}
+
+/// Starts the workers of this process; they end when the set is dropped.
+fn start_workers(job: &RenderJob, addr: SocketAddr, local: &LocalScene, stop: &CancellationToken) -> JoinSet<()> {
+    let mut workers = JoinSet::new();
+    let reach = match addr.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => SocketAddr::from((Ipv4Addr::LOCALHOST, addr.port())),
+        IpAddr::V6(ip) if ip.is_unspecified() => SocketAddr::from((Ipv6Addr::LOCALHOST, addr.port())),
+        _ => addr,
+    };
+    for n in 0..job.workers {
+        let share = job.threads / job.workers + usize::from(n < job.threads % job.workers);
+        let config = worker::Config {
+            threads: share.max(1),
+            name: format!("local-{}", n + 1),
+            once: true,
+            local: Some(local.clone()),
+            ..worker::Config::new(reach.into())
+        };
+        let stop = stop.clone();
+        workers.spawn(async move {
+            let name = config.name.clone();
+            if let Err(e) = worker::run(config, stop).await {
+                tracing::error!("{name}: {e}");
+            }
+        });
+    }
+    workers
+}
+
+/// Ends a task with its owner.
+struct Aborted(AbortHandle);
+
+impl Drop for Aborted {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+/// [`Farm::bind`] and [`Farm::render`] in one.
+///
+/// # Errors
+/// Those of both.
+pub async fn render(
+    job: RenderJob,
+    listen: ListenAddr,
+    progress: watch::Sender<Progress>,
+    cancel: CancellationToken,
+) -> Result<Rendered, Unfinished> {
+    Farm::bind(listen).await?.render(job, progress, cancel).await
+}

@@ -1,0 +1,271 @@
+//! The gRPC service: a thin door between workers and the driver.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tessera_core::scene::Scene;
+use tessera_core::settings::Settings;
+use tessera_proto::convert::{Job, Registration, TileDone, cause, check_match, check_pixels};
+use tessera_proto::limits::{MAX_MESSAGE_BYTES, REGISTER_WITHIN, SCENE_PIECE_BYTES};
+use tessera_proto::scene::{SceneEncoder, describe};
+use tessera_proto::wire::farm_server::{self, FarmServer};
+use tessera_proto::wire::worker_message::Kind;
+use tessera_proto::wire::{self, BeatReply, BeatRequest, CoordinatorMessage, ScenePiece, SceneRequest, WorkerMessage};
+use tessera_proto::{Attempt, LeaseId, PixelFormat, SceneHash, SessionId};
+use tokio::sync::{OnceCell, mpsc, oneshot};
+use tokio::time::timeout;
+use tokio_stream::wrappers::ReceiverStream;
+use tokio_util::sync::CancellationToken;
+use tonic::{Request, Response, Status, Streaming};
+
+use crate::scheduler::WorkerKey;
+
+/// Messages to one worker that wait to be sent; a worker that lets more pile up does not read.
+pub(super) const MOUTH: usize = 128;
+
+/// Where the driver speaks to a worker.
+pub(super) type Mouth = mpsc::Sender<Result<CoordinatorMessage, Status>>;
+
+/// What the driver hears.
+#[derive(Debug)]
+pub(super) enum Heard {
+    /// A worker that fits registered.
+    Joined(Joined),
+    /// A worker said something.
+    Said { worker: WorkerKey, said: Said },
+    /// A worker's stream ended.
+    Left { worker: WorkerKey, cause: String },
+}
+
+/// A registration, and the way to answer it.
+#[derive(Debug)]
+pub(super) struct Joined {
+    pub(super) registration: Registration,
+    pub(super) address: String,
+    pub(super) mouth: Mouth,
+    /// Ends the session's reader.
+    pub(super) cut: CancellationToken,
+    pub(super) reply: oneshot::Sender<Result<(WorkerKey, SessionId), Status>>,
+}
+
+/// What a worker says once registered, in core's words.
+#[derive(Debug)]
+pub(super) enum Said {
+    Beat,
+    Ready,
+    Done(TileDone),
+    Failed {
+        lease: LeaseId,
+        attempt: Attempt,
+        cause: String,
+    },
+    Returned {
+        lease: LeaseId,
+        attempt: Attempt,
+    },
+    Draining,
+    Unable(String),
+    /// Something that the protocol does not allow.
+    Nonsense(String),
+}
+
+/// What the service knows of the job.
+#[derive(Debug)]
+pub(super) struct Door {
+    pub(super) heard: mpsc::Sender<Heard>,
+    pub(super) sessions: Mutex<HashMap<SessionId, Visitor>>,
+    pub(super) scene: Arc<Scene>,
+    pub(super) settings: Settings,
+    pub(super) pixels: PixelFormat,
+    /// Known to workers of this process alone.
+    pub(super) secret: [u8; 16],
+    /// Hash and length of the scene's binary form: taken when a worker needs them.
+    pub(super) described: OnceCell<(SceneHash, u64)>,
+}
+
+/// A session, as the other calls see it.
+#[derive(Clone, Debug)]
+pub(super) struct Visitor {
+    pub(super) worker: WorkerKey,
+    fetching: Arc<AtomicBool>,
+}
+
+impl Visitor {
+    pub(super) fn new(worker: WorkerKey) -> Self {
+        Self { worker, fetching: Arc::default() }
+    }
+}
+
+/// Allows the next fetch when this one is over.
+struct Fetching(Arc<AtomicBool>);
+
+impl Drop for Fetching {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Release);
+    }
+}
+
+fn over() -> Status {
+    Status::unavailable("the coordinator is closing")
+}
+
+impl Door {
+    fn visitor(&self, session: u64) -> Result<Visitor, Status> {
+        let sessions = self.sessions.lock().unwrap_or_else(PoisonError::into_inner);
+        sessions.get(&SessionId(session)).cloned().ok_or_else(|| Status::not_found("this session is over"))
+    }
+
+    async fn described(&self) -> Result<(SceneHash, u64), Status> {
+        let describe = || async {
+            let scene = self.scene.clone();
+            tokio::task::spawn_blocking(move || describe(&scene)).await.map_err(|e| Status::internal(e.to_string()))
+        };
+        self.described.get_or_try_init(describe).await.copied()
+    }
+
+    async fn job(&self, local: bool) -> Result<CoordinatorMessage, Status> {
+        let scene = if local { None } else { Some(self.described().await?) };
+        let job = Job { scene, settings: self.settings, pixels: self.pixels };
+        Ok(CoordinatorMessage { kind: Some(wire::coordinator_message::Kind::Job(job.into())) })
+    }
+
+    /// Reads one worker until its stream ends or it is cut off.
+    async fn listen(
+        &self,
+        worker: WorkerKey,
+        local: bool,
+        mouth: Mouth,
+        inbox: &mut Streaming<WorkerMessage>,
+    ) -> String {
+        match self.job(local).await {
+            Ok(job) => drop(mouth.send(Ok(job)).await),
+            Err(status) => return status.message().into(),
+        }
+        drop(mouth);
+        loop {
+            let said = match inbox.message().await {
+                Ok(Some(message)) => self.understand(message),
+                Ok(None) => return "it ended the session".into(),
+                Err(status) => return format!("the connection broke: {}", says(&status)),
+            };
+            if self.heard.send(Heard::Said { worker, said }).await.is_err() {
+                return "the render is over".into();
+            }
+        }
+    }
+
+    fn understand(&self, message: WorkerMessage) -> Said {
+        match message.kind {
+            Some(Kind::TileDone(done)) => {
+                let done = TileDone::try_from(done).and_then(|d| check_pixels(&d.pixels, self.pixels).map(|()| d));
+                done.map_or_else(|e| Said::Nonsense(format!("a tile: {e}")), Said::Done)
+            }
+            Some(Kind::TileFailed(f)) => {
+                Said::Failed { lease: LeaseId(f.lease), attempt: Attempt(f.attempt), cause: cause(&f.cause) }
+            }
+            Some(Kind::LeaseReturned(r)) => Said::Returned { lease: LeaseId(r.lease), attempt: Attempt(r.attempt) },
+            Some(Kind::Ready(_)) => Said::Ready,
+            Some(Kind::Draining(_)) => Said::Draining,
+            Some(Kind::Unable(u)) => Said::Unable(cause(&u.cause)),
+            Some(Kind::Register(_)) => Said::Nonsense("it registered twice".into()),
+            None => Said::Nonsense("an unknown message".into()),
+        }
+    }
+}
+
+/// What a broken stream says.
+fn says(status: &Status) -> String {
+    let mut text = cause(status.message());
+    let mut source = std::error::Error::source(status);
+    while let Some(s) = source {
+        let more = s.to_string();
+        if !text.contains(&more) {
+            text = format!("{text}: {more}");
+        }
+        source = s.source();
+    }
+    text
+}
+
+/// See the [module](self).
+#[derive(Clone, Debug)]
+pub(super) struct Service(pub(super) Arc<Door>);
+
+impl Service {
+    pub(super) fn into_server(self) -> FarmServer<Self> {
+        FarmServer::new(self).max_decoding_message_size(MAX_MESSAGE_BYTES).max_encoding_message_size(MAX_MESSAGE_BYTES)
+    }
+}
+
+#[tonic::async_trait]
+impl farm_server::Farm for Service {
+    type WorkStream = ReceiverStream<Result<CoordinatorMessage, Status>>;
+    type FetchSceneStream = ReceiverStream<Result<ScenePiece, Status>>;
+
+    async fn work(&self, request: Request<Streaming<WorkerMessage>>) -> Result<Response<Self::WorkStream>, Status> {
+        let address = request.remote_addr().map_or_else(|| "unknown".into(), |a| a.to_string());
+        let mut inbox = request.into_inner();
+        let first = timeout(REGISTER_WITHIN, inbox.message())
+            .await
+            .map_err(|_| Status::deadline_exceeded("a worker registers first"))??;
+        let Some(WorkerMessage { kind: Some(Kind::Register(register)) }) = first else {
+            return Err(Status::invalid_argument("a worker registers first"));
+        };
+        check_match(&register).map_err(|e| {
+            tracing::warn!("refused a worker from {address}: {e}");
+            Status::failed_precondition(e.to_string())
+        })?;
+        let registration = Registration::try_from(register).map_err(|e| Status::invalid_argument(e.to_string()))?;
+        let local = registration.local == Some(self.0.secret);
+        if registration.local.is_some() && !local {
+            return Err(Status::invalid_argument("the local secret is wrong"));
+        }
+        let (mouth, words) = mpsc::channel(MOUTH);
+        let (reply, answer) = oneshot::channel();
+        let cut = CancellationToken::new();
+        let joined = Joined { registration, address, mouth: mouth.clone(), cut: cut.clone(), reply };
+        self.0.heard.send(Heard::Joined(joined)).await.map_err(|_| over())?;
+        let (worker, session) = answer.await.map_err(|_| over())??;
+        let door = self.0.clone();
+        tokio::spawn(async move {
+            let cause = tokio::select! {
+                cause = door.listen(worker, local, mouth, &mut inbox) => cause,
+                () = cut.cancelled() => "it was cut off".into(),
+            };
+            door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&session);
+            let _ = door.heard.send(Heard::Left { worker, cause }).await;
+        });
+        Ok(Response::new(ReceiverStream::new(words)))
+    }
+
+    async fn beat(&self, request: Request<BeatRequest>) -> Result<Response<BeatReply>, Status> {
+        let worker = self.0.visitor(request.get_ref().session)?.worker;
+        self.0.heard.send(Heard::Said { worker, said: Said::Beat }).await.map_err(|_| over())?;
+        Ok(Response::new(BeatReply {}))
+    }
+
+    async fn fetch_scene(&self, request: Request<SceneRequest>) -> Result<Response<Self::FetchSceneStream>, Status> {
+        let request = request.into_inner();
+        let visitor = self.0.visitor(request.session)?;
+        if request.scene_sha256 != self.0.described().await?.0.0 {
+            return Err(Status::not_found("this is not the scene that is rendered"));
+        }
+        if visitor.fetching.swap(true, Ordering::AcqRel) {
+            return Err(Status::resource_exhausted("one fetch a session at a time"));
+        }
+        let fetching = Fetching(visitor.fetching);
+        // Pieces are made as fast as they are sent, and never all at once.
+        let (sender, pieces) = mpsc::channel(2);
+        let scene = self.0.scene.clone();
+        tokio::task::spawn_blocking(move || {
+            let _fetching = fetching;
+            for data in SceneEncoder::new(&scene, SCENE_PIECE_BYTES) {
+                if sender.blocking_send(Ok(ScenePiece { data })).is_err() {
+                    return;
+                }
+            }
+        });
+        Ok(Response::new(ReceiverStream::new(pieces)))
+    }
+}

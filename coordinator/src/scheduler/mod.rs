@@ -1,0 +1,530 @@
+//! Who renders what, as a pure state machine: `(state, event, now) → effects`.
+//!
+//! It reads no clock, sends nothing and holds no pixels; whoever owns it tells
+//! it what happened and when, and carries out what it asks for. `now` is the time
+//! since the render began and never runs backwards.
+//!
+//! # A tile's states
+//!
+//! ```text
+//!           cut for a worker with room
+//!   uncut ──────────────────────────────▶ leased ─────▶ done
+//!     ▲                                    │  ▲   first result, in the picture once
+//!     │ given back, never tried            │  │
+//!     └────────────────────────────────────┤  │ to a worker it has not failed on, if there is one
+//!                 failed, or lost with its │  │
+//!                 worker: one strike       ▼  │
+//!                                        waiting ─────▶ the render ends
+//!                                               three strikes
+//! ```
+//!
+//! A leased tile has one to [`MAX_COPIES`] leases. All but the first are given to
+//! workers that would otherwise be idle at the end, where the holder is expected to
+//! finish later than they would, or is overdue, or silent.
+//!
+//! # A worker's states
+//!
+//! ```text
+//!   joined ─▶ preparing ──▶ ready ◀──▶ suspect (silent for a while: no new leases)
+//!                │            │           │
+//!                │            ▼           ▼
+//!                └────────▶ draining ──▶ gone
+//! ```
+//!
+//! A lease that is not wanted any more is *revoked*: it is still the worker's duty to
+//! answer it, and the answer is dropped. An answer to any other lease than those open or
+//! revoked is a forgery, and ends the session.
+//!
+//! # Sizes
+//!
+//! Each worker gets a share of what is left, as large as its measured speed among all,
+//! halved (guided self-scheduling after Polychronopoulos and Kuck, 1987), but no more than
+//! [`LONGEST`] and no less than [`SHORTEST`] of its time.
+
+mod cutter;
+mod size;
+#[cfg(test)]
+mod tests;
+mod worker;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
+
+use tessera_core::film::Region;
+use tessera_proto::convert::Lease;
+use tessera_proto::{Attempt, InstanceId, LeaseId, Pass};
+
+use crate::job::TileSize;
+use cutter::Cutter;
+use worker::{Phase, Worker};
+
+/// The most of a worker's time that one tile should take.
+pub(crate) const LONGEST: Duration = Duration::from_millis(250);
+/// The least of a worker's time that is worth a tile of its own.
+pub(crate) const SHORTEST: Duration = Duration::from_micros(1500);
+/// Leases that one tile has at once, at most.
+const MAX_COPIES: usize = 3;
+/// Leases that one worker holds at once, at most.
+const MAX_DEPTH: usize = 32;
+/// Answers that a worker may owe to revoked leases.
+const MAX_REVOKED: usize = 256;
+/// Workers that fail at a tile, or reports of failure, that end the render.
+const STRIKES: usize = 3;
+/// Failures of any kind that end the render, so that one worker that keeps coming back cannot
+/// fail for ever.
+const STRIKES_IN_ALL: usize = 8;
+/// A gap between two events that says that this process itself stood still.
+const STALL: Duration = Duration::from_secs(1);
+
+/// One session of a worker. Never used twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct WorkerKey(pub(crate) u64);
+
+/// What a scheduler is told once.
+#[derive(Clone, Debug)]
+pub(crate) struct Config {
+    /// The pixels to be rendered.
+    pub(crate) region: Region,
+    /// Edge of a tile.
+    pub(crate) tile: TileSize,
+    /// Samples a pixel: how much dearer than usual pixels are before any is measured.
+    pub(crate) samples: u32,
+    /// Workers that are known to come.
+    pub(crate) expected: usize,
+    /// How long to go on without any worker.
+    pub(crate) patience: Duration,
+    /// Silence that makes a worker suspect.
+    pub(crate) suspect_after: Duration,
+    /// Silence that ends its session.
+    pub(crate) dead_after: Duration,
+    /// How long a worker may take to fetch and prepare the scene.
+    pub(crate) prepare_within: Duration,
+}
+
+/// What happened.
+#[derive(Clone, Debug)]
+pub(crate) enum Event {
+    /// A worker registered.
+    Joined { worker: WorkerKey, threads: u32, instance: InstanceId },
+    /// It prepared the scene.
+    Ready { worker: WorkerKey },
+    /// It gave a sign of life.
+    Heard { worker: WorkerKey },
+    /// It delivered a tile of the right size.
+    Done { worker: WorkerKey, lease: LeaseId, attempt: Attempt, busy: Duration, idle: Duration },
+    /// It could not render a tile.
+    Failed { worker: WorkerKey, lease: LeaseId, attempt: Attempt, cause: String },
+    /// It returned a tile it had not begun.
+    Returned { worker: WorkerKey, lease: LeaseId, attempt: Attempt },
+    /// It will leave.
+    Draining { worker: WorkerKey },
+    /// It broke the protocol's rules.
+    Broke { worker: WorkerKey, rule: String },
+    /// Its stream ended.
+    Left { worker: WorkerKey, cause: String },
+    /// Time passed.
+    Tick,
+}
+
+/// What is to be done.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Effect {
+    /// Send a lease.
+    Grant { worker: WorkerKey, lease: Lease },
+    /// Send that a lease is not wanted.
+    Revoke { worker: WorkerKey, lease: LeaseId },
+    /// Put the tile just delivered into the picture.
+    Accept { worker: WorkerKey, region: Region },
+    /// End a session.
+    CutOff { worker: WorkerKey, why: CutOff },
+    /// A worker left with leases unanswered.
+    Lost { worker: WorkerKey, tiles: u64 },
+    /// End the render.
+    End(End),
+}
+
+/// Why a session is ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum CutOff {
+    /// It broke a rule.
+    Broke(String),
+    /// Nothing was heard of it.
+    Silent(Duration),
+    /// It never became ready.
+    Unready(Duration),
+}
+
+/// How a render ends.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum End {
+    /// Every pixel is done.
+    Complete,
+    /// Nobody was there.
+    NoWorkers { waited: Duration, ever: bool },
+    /// A tile cannot be rendered.
+    TileFailed { region: Region, attempts: u32, cause: String },
+}
+
+/// A region that was cut and is not done.
+#[derive(Debug)]
+struct Tile {
+    region: Region,
+    pass: Pass,
+    /// Open leases, the oldest first.
+    leases: Vec<LeaseId>,
+    attempts: u32,
+    strikes: Vec<Strike>,
+}
+
+/// One failure of a tile.
+#[derive(Debug)]
+struct Strike {
+    instance: InstanceId,
+    /// Whether the worker said so, rather than being lost with it.
+    reported: bool,
+}
+
+impl Tile {
+    fn struck_by(&self, instance: InstanceId) -> bool {
+        self.strikes.iter().any(|s| s.instance == instance)
+    }
+
+    /// Whether it failed too often.
+    fn is_out(&self) -> bool {
+        let reported = self.strikes.iter().filter(|s| s.reported).count();
+        let mut instances: Vec<_> = self.strikes.iter().map(|s| s.instance).collect();
+        instances.sort_unstable();
+        instances.dedup();
+        reported.max(instances.len()) >= STRIKES || self.strikes.len() >= STRIKES_IN_ALL
+    }
+}
+
+/// A lease that is open.
+#[derive(Debug)]
+struct Open {
+    worker: WorkerKey,
+    tile: u64,
+    attempt: Attempt,
+    granted: Duration,
+}
+
+/// See the [module](self).
+#[derive(Debug)]
+pub(crate) struct Scheduler {
+    config: Config,
+    cutter: Cutter,
+    tiles: BTreeMap<u64, Tile>,
+    /// Tiles that failed and have no lease.
+    waiting: VecDeque<u64>,
+    open: BTreeMap<LeaseId, Open>,
+    workers: BTreeMap<WorkerKey, Worker>,
+    next_tile: u64,
+    next_lease: u64,
+    pixels_done: u64,
+    tiles_done: u64,
+    now: Duration,
+    /// When the silence of workers is looked at next.
+    check_at: Duration,
+    /// When idle workers might take over an overdue tile.
+    assist_at: Option<Duration>,
+    /// Since when there is no worker.
+    deserted_since: Option<Duration>,
+    ever: bool,
+    ended: bool,
+}
+
+impl Scheduler {
+    /// Nothing leased, nobody there, at time 0.
+    pub(crate) fn new(config: Config) -> Self {
+        let cutter = Cutter::new(config.region, config.tile);
+        Self {
+            config,
+            cutter,
+            tiles: BTreeMap::new(),
+            waiting: VecDeque::new(),
+            open: BTreeMap::new(),
+            workers: BTreeMap::new(),
+            next_tile: 0,
+            next_lease: 1,
+            pixels_done: 0,
+            tiles_done: 0,
+            now: Duration::ZERO,
+            check_at: Duration::ZERO,
+            assist_at: None,
+            deserted_since: Some(Duration::ZERO),
+            ever: false,
+            ended: false,
+        }
+    }
+
+    /// The region of a lease that `worker` holds and that is still wanted.
+    pub(crate) fn region_of(&self, worker: WorkerKey, lease: LeaseId) -> Option<Region> {
+        let open = self.open.get(&lease).filter(|o| o.worker == worker)?;
+        self.tiles.get(&open.tile).map(|t| t.region)
+    }
+
+    /// How many tiles there will be in all, as far as can be said.
+    pub(crate) fn tiles_estimate(&self) -> u64 {
+        let typical = if self.tiles_done == 0 { 0 } else { self.pixels_done / self.tiles_done };
+        self.tiles_done + self.tiles.len() as u64 + self.cutter.regions_left(typical.max(1024))
+    }
+
+    /// When to send [`Event::Tick`] if nothing else happens before.
+    pub(crate) fn wake_at(&self) -> Duration {
+        self.assist_at.map_or(self.check_at, |at| at.min(self.check_at))
+    }
+
+    /// Takes in what happened and adds what is to be done to `effects`.
+    pub(crate) fn handle(&mut self, event: Event, now: Duration, effects: &mut Vec<Effect>) {
+        if self.ended {
+            return;
+        }
+        if now > self.now + STALL {
+            // Nobody could be heard while this process stood still.
+            self.workers.values_mut().for_each(|w| w.last_heard = now);
+        }
+        self.now = self.now.max(now);
+        match event {
+            Event::Joined { worker, threads, instance } => {
+                self.workers.insert(worker, Worker::new(threads, instance, self.now));
+                self.ever = true;
+            }
+            Event::Ready { worker } => self.ready(worker, effects),
+            Event::Heard { worker } => self.heard(worker),
+            Event::Done { worker, lease, attempt, busy, idle } => {
+                self.heard(worker);
+                self.done(worker, lease, attempt, (busy, idle), effects);
+            }
+            Event::Failed { worker, lease, attempt, cause } => {
+                self.heard(worker);
+                if let Some(tile) = self.answered(worker, lease, attempt, effects) {
+                    self.strike(tile, worker, true, &cause, effects);
+                }
+            }
+            Event::Returned { worker, lease, attempt } => {
+                self.heard(worker);
+                self.returned(worker, lease, attempt, effects);
+            }
+            Event::Draining { worker } => {
+                self.heard(worker);
+                if let Some(w) = self.workers.get_mut(&worker) {
+                    w.phase = Phase::Draining;
+                }
+            }
+            Event::Broke { worker, rule } => self.cut_off(worker, CutOff::Broke(rule), effects),
+            Event::Left { worker, cause } => self.gone(worker, Some(&cause), effects),
+            Event::Tick => {}
+        }
+        if self.now >= self.check_at {
+            self.check_silence(effects);
+        }
+        self.check_deserted(effects);
+        if !self.ended {
+            self.grant_all(effects);
+        }
+    }
+
+    fn ready(&mut self, worker: WorkerKey, effects: &mut Vec<Effect>) {
+        self.heard(worker);
+        match self.workers.get_mut(&worker) {
+            Some(w) if matches!(w.phase, Phase::Preparing { .. }) => w.phase = Phase::Ready,
+            Some(w) if w.phase == Phase::Draining => {}
+            Some(_) => self.cut_off(worker, CutOff::Broke("it was ready before".into()), effects),
+            None => {}
+        }
+    }
+
+    fn heard(&mut self, worker: WorkerKey) {
+        if let Some(w) = self.workers.get_mut(&worker) {
+            w.last_heard = self.now;
+            w.suspect = false;
+        }
+    }
+
+    /// Closes a lease that its worker answered, and gives its tile; `None` where the answer
+    /// comes late or from nobody. Forgeries end the session.
+    fn answered(
+        &mut self,
+        worker: WorkerKey,
+        lease: LeaseId,
+        attempt: Attempt,
+        effects: &mut Vec<Effect>,
+    ) -> Option<u64> {
+        let w = self.workers.get_mut(&worker)?;
+        if w.revoked.remove(&lease) {
+            return None;
+        }
+        match self.open.get(&lease) {
+            Some(open) if open.worker == worker && open.attempt == attempt => Some(self.close(lease)?.tile),
+            _ => {
+                let rule = format!("it answered lease {lease}, attempt {}, which it does not hold", attempt.0);
+                self.cut_off(worker, CutOff::Broke(rule), effects);
+                None
+            }
+        }
+    }
+
+    /// Forgets an open lease everywhere.
+    fn close(&mut self, lease: LeaseId) -> Option<Open> {
+        let open = self.open.remove(&lease)?;
+        if let Some(tile) = self.tiles.get_mut(&open.tile) {
+            tile.leases.retain(|l| *l != lease);
+        }
+        if let Some(w) = self.workers.get_mut(&open.worker) {
+            w.leases.retain(|l| *l != lease);
+        }
+        Some(open)
+    }
+
+    fn done(
+        &mut self,
+        worker: WorkerKey,
+        lease: LeaseId,
+        attempt: Attempt,
+        (busy, idle): (Duration, Duration),
+        effects: &mut Vec<Effect>,
+    ) {
+        let was_full = self.workers.get(&worker).is_some_and(|w| w.leases.len() >= w.depth);
+        let Some(tile) = self.answered(worker, lease, attempt, effects).and_then(|t| self.tiles.remove(&t)) else {
+            return;
+        };
+        let area = tile.region.area();
+        if let Some(w) = self.workers.get_mut(&worker) {
+            w.delivered(area, busy, idle, was_full, self.now);
+        }
+        for other in tile.leases {
+            let Some(open) = self.open.remove(&other) else { continue };
+            let Some(w) = self.workers.get_mut(&open.worker) else { continue };
+            w.leases.retain(|l| *l != other);
+            w.revoked.insert(other);
+            effects.push(Effect::Revoke { worker: open.worker, lease: other });
+            if w.revoked.len() > MAX_REVOKED {
+                self.cut_off(open.worker, CutOff::Broke("it leaves revoked leases unanswered".into()), effects);
+            }
+        }
+        self.pixels_done += area;
+        self.tiles_done += 1;
+        effects.push(Effect::Accept { worker, region: tile.region });
+        if self.pixels_done == self.config.region.area() {
+            self.end(End::Complete, effects);
+        }
+    }
+
+    fn returned(&mut self, worker: WorkerKey, lease: LeaseId, attempt: Attempt, effects: &mut Vec<Effect>) {
+        let draining = self.workers.get(&worker).is_some_and(|w| w.phase == Phase::Draining);
+        if !draining && self.open.get(&lease).is_some_and(|o| o.worker == worker) {
+            let rule = format!("it returned lease {lease} without leaving");
+            return self.cut_off(worker, CutOff::Broke(rule), effects);
+        }
+        if let Some(tile) = self.answered(worker, lease, attempt, effects) {
+            self.release(tile);
+        }
+    }
+
+    /// A tile lost a lease through no fault of its own.
+    fn release(&mut self, id: u64) {
+        let Some(tile) = self.tiles.get(&id).filter(|t| t.leases.is_empty()) else { return };
+        if tile.strikes.is_empty() {
+            self.cutter.give_back(tile.region);
+            self.tiles.remove(&id);
+        } else {
+            self.waiting.push_front(id);
+        }
+    }
+
+    /// A tile failed, or was lost with its worker.
+    fn strike(&mut self, id: u64, worker: WorkerKey, reported: bool, cause: &str, effects: &mut Vec<Effect>) {
+        let Some(instance) = self.workers.get(&worker).map(|w| w.instance) else { return self.release(id) };
+        let Some(tile) = self.tiles.get_mut(&id) else { return };
+        tile.strikes.push(Strike { instance, reported });
+        if tile.is_out() {
+            let (region, attempts) = (tile.region, tile.strikes.len() as u32);
+            self.end(End::TileFailed { region, attempts, cause: cause.into() }, effects);
+        } else if tile.leases.is_empty() {
+            self.waiting.push_front(id);
+        }
+    }
+
+    fn cut_off(&mut self, worker: WorkerKey, why: CutOff, effects: &mut Vec<Effect>) {
+        if !self.workers.contains_key(&worker) {
+            return;
+        }
+        // Breaking a rule is the worker's failure and not its tiles'.
+        let cause = match &why {
+            CutOff::Broke(_) => None,
+            CutOff::Silent(_) | CutOff::Unready(_) => Some("the worker fell silent"),
+        };
+        effects.push(Effect::CutOff { worker, why });
+        self.gone(worker, cause, effects);
+    }
+
+    /// Frees what a worker held; with a `cause`, the tiles it was rendering count as failed.
+    fn gone(&mut self, worker: WorkerKey, cause: Option<&str>, effects: &mut Vec<Effect>) {
+        let Some(w) = self.workers.get(&worker) else { return };
+        let (leases, running) = (w.leases.clone(), w.running);
+        if !leases.is_empty() {
+            effects.push(Effect::Lost { worker, tiles: leases.len() as u64 });
+        }
+        // From the back, so that the oldest is the first to be leased again.
+        for (place, lease) in leases.into_iter().enumerate().rev() {
+            let Some(open) = self.close(lease) else { continue };
+            match cause {
+                Some(cause) if place < running => self.strike(open.tile, worker, false, cause, effects),
+                _ => self.release(open.tile),
+            }
+        }
+        self.workers.remove(&worker);
+    }
+
+    fn check_silence(&mut self, effects: &mut Vec<Effect>) {
+        let (now, config) = (self.now, self.config.clone());
+        let mut cut = Vec::new();
+        for (&key, w) in &mut self.workers {
+            let silent = now.saturating_sub(w.last_heard);
+            w.suspect = silent >= config.suspect_after;
+            match w.phase {
+                _ if silent >= config.dead_after => cut.push((key, CutOff::Silent(silent))),
+                Phase::Preparing { since } if now.saturating_sub(since) >= config.prepare_within => {
+                    cut.push((key, CutOff::Unready(config.prepare_within)));
+                }
+                _ => {}
+            }
+        }
+        for (worker, why) in cut {
+            self.cut_off(worker, why, effects);
+        }
+        self.check_at = now + (config.suspect_after / 8).min(config.patience / 4);
+    }
+
+    fn check_deserted(&mut self, effects: &mut Vec<Effect>) {
+        if !self.workers.is_empty() {
+            self.deserted_since = None;
+            return;
+        }
+        let since = *self.deserted_since.get_or_insert(self.now);
+        let waited = self.now - since;
+        if waited >= self.config.patience {
+            self.end(End::NoWorkers { waited, ever: self.ever }, effects);
+        }
+    }
+
+    fn end(&mut self, end: End, effects: &mut Vec<Effect>) {
+        if !self.ended {
+            self.ended = true;
+            effects.push(Effect::End(end));
+        }
+    }
+
+    fn grant(&mut self, worker: WorkerKey, id: u64, effects: &mut Vec<Effect>) {
+        let (Some(tile), Some(w)) = (self.tiles.get_mut(&id), self.workers.get_mut(&worker)) else { return };
+        let lease = LeaseId(self.next_lease);
+        let attempt = Attempt(tile.attempts);
+        self.next_lease += 1;
+        tile.attempts += 1;
+        tile.leases.push(lease);
+        w.leases.push_back(lease);
+        self.open.insert(lease, Open { worker, tile: id, attempt, granted: self.now });
+        let lease = Lease { id: lease, attempt, region: tile.region, pass: tile.pass };
+        effects.push(Effect::Grant { worker, lease });
+    }
+}

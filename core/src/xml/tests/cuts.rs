@@ -1,0 +1,211 @@
+//! However the text is cut, with the fast lane or without, scene and diagnostics are the
+//! same, and those of one whole document where there is one.
+
+use crate::xml::assembly::Assembly;
+use crate::xml::finding::{Findings, Limits};
+use crate::xml::{Diagnostic, Read, ReadError, ReadOptions, Tuning, frame, read, source};
+
+use super::{CAMERA, LIGHT};
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) % n.max(1) as u64) as usize
+    }
+    fn pick<'a>(&mut self, from: &[&'a str]) -> &'a str {
+        from[self.below(from.len())]
+    }
+}
+
+fn object(r: &mut Random) -> String {
+    let n = r.below(1000);
+    let (a, b) = (n as f64 / 64.0, n % 10);
+    let gap = r.pick(&["", "", "\n ", "\t"]);
+    let surface = r.pick(&[
+        "",
+        "<surface><finish diffuse='0.5'/></surface>",
+        "<surface><finish diffuse='.5' reflect='0.25'/><pigment><color red='1' green='0.5' blue='0'/></pigment></surface>",
+        "<surface><pigment><color red='1' green='0.5' blue='0'></color></pigment></surface>",
+        "<surface><finish/></surface>",
+        "<surface><finish diffuse='1' reflect='1'/></surface>",
+        "<surface><!-- c --><finish reflect='1'/></surface>",
+    ]);
+    match r.below(5) {
+        0 => format!("<light>{gap}<position><vector x='{a}' y='{b}' z='1'/></position></light>"),
+        1 => format!("<plane distance='{a}'><normal><vector x='{b}' y='1' z='1'/>{gap}</normal>{surface}</plane>"),
+        2 => format!(
+            "<sphere radius='{b}.5'><location><vector x='{a}' y='0' z='1e-3'/></location>{gap}{surface}</sphere>"
+        ),
+        3 => format!(
+            "<triangle><c0><vector x='{a}' y='0' z='0'/></c0>{gap}<v1><vector x='1' y='{b}' z='0'/></v1>\
+             <v2><vector x='0' y='1' z='0'/></v2>{surface}</triangle>"
+        ),
+        _ => format!(
+            "<triangle><c0><vector x='0' y='0' z='0'/></c0><c1><vector z='1' y='{b}' x='2'/></c1>\
+             <c2><vector x='{a}' y='{a}' z='1' /></c2 >{surface}</triangle>"
+        ),
+    }
+}
+
+fn document(r: &mut Random) -> String {
+    let mut out = format!("<scene>{CAMERA}<world>{LIGHT}");
+    for _ in 0..r.below(60) {
+        out += r.pick(&[
+            "",
+            "",
+            "\n",
+            " ",
+            "<!-- <sphere radius='1'> -->",
+            "<?p <triangle> ?>",
+            "<!-- <triangle></triangle> </world> -->",
+        ]);
+        out += &object(r);
+    }
+    out + "</world></scene>"
+}
+
+/// Breaks a document; `form` too, or only what it says.
+fn break_something(r: &mut Random, text: &mut String, form: bool) {
+    let at = r.below(text.len());
+    if form {
+        match r.below(4) {
+            0 => {
+                text.remove(at);
+            }
+            1 => text.insert_str(
+                at,
+                r.pick(&[
+                    "<",
+                    ">",
+                    "'",
+                    "/",
+                    "&",
+                    "<!--",
+                    "-->",
+                    "<x>",
+                    "</x>",
+                    "</world>",
+                    "<![CDATA[x]]>",
+                    "<sphere>",
+                    "<a:b/>",
+                ]),
+            ),
+            2 => {
+                let end = (at + r.below(80)).min(text.len());
+                text.replace_range(at..end, "");
+            }
+            _ => {
+                let end = (at + r.below(200)).min(text.len());
+                let piece = text[at..end].to_owned();
+                text.insert_str(at, &piece);
+            }
+        }
+    } else if let Some(i) = text[at..].find("x='") {
+        let attribute = format!("9' w{}='1", r.below(1 << 30));
+        let bad = r.pick(&["1e999", "-", "1e-999", "0", "NaN", "1,5", "&#49;", &attribute]);
+        text.insert_str(at + i + 3, bad);
+    } else if let Some(i) = text[at..].find("</") {
+        text.insert_str(
+            at + i,
+            r.pick(&["text", "<cube/>", "<light/>", "&#32;", "<surface/>", "<sphere radius='1'></sphere>"]),
+        );
+    }
+}
+
+fn options() -> ReadOptions {
+    ReadOptions { max_errors: 100_000, max_warnings: 100_000, ..ReadOptions::default() }
+}
+
+fn cut(text: &str, run: usize, piece: usize, batch: usize, fast: bool) -> Result<Read, ReadError> {
+    let tuning = Tuning { run, piece, batch, fast };
+    read(text.as_bytes().to_vec(), "s.xml", None, &options(), tuning)
+}
+
+/// As one whole document: nothing is cut out of the frame.
+fn whole(text: &str) -> (Vec<Diagnostic>, Option<crate::scene::Scene>) {
+    let limits = Limits { errors: 100_000, warnings: 100_000 };
+    let mut assembly = Assembly::new(limits, None);
+    let mut findings = Findings::new(limits);
+    let outline = frame::outline(text, 0, &mut findings);
+    frame::check(text, &outline, None, limits, findings, &mut assembly);
+    let mut list = std::mem::take(&mut assembly.findings.list);
+    list.sort_by_key(|f| f.at.start);
+    let mut lines = source::Lines::new(text, 0);
+    let diagnostics = list.into_iter().map(|f| lines.diagnostic("s.xml", f)).collect();
+    (diagnostics, if assembly.findings.errors == 0 { assembly.scene.finish().ok() } else { None })
+}
+
+fn diagnostics(result: &Result<Read, ReadError>) -> &[Diagnostic] {
+    match result {
+        Ok(read) => &read.warnings,
+        Err(error) => &error.diagnostics,
+    }
+}
+
+/// Compares all cuts; gives the result.
+fn same_for_all_cuts(text: &str) -> Result<Read, ReadError> {
+    let first = cut(text, 64 << 10, 128 << 10, 128, true);
+    for (run, piece, batch, fast) in [
+        (1, 100, 3, true),
+        (1 << 30, 1 << 30, 1, false),
+        (300, 1, 1, true),
+        (1000, 333, 2, false),
+        (1, 50, 1000, false),
+        (500, 700, 7, true),
+    ] {
+        let other = cut(text, run, piece, batch, fast);
+        assert_eq!(first, other, "run {run}, piece {piece}, batch {batch}, fast {fast}\n{text}");
+    }
+    first
+}
+
+#[test]
+fn documents_of_good_form_read_as_one_whole() {
+    let mut r = Random(1);
+    let (mut good, mut bad) = (0, 0);
+    for i in 0..600 {
+        let mut text = document(&mut r);
+        for _ in 0..i % 4 {
+            break_something(&mut r, &mut text, false);
+        }
+        let result = same_for_all_cuts(&text);
+        let (whole, scene) = whole(&text);
+        assert_eq!(diagnostics(&result), whole, "\n{text}");
+        assert_eq!(result.as_ref().ok().map(|r| &r.scene), scene.as_ref(), "\n{text}");
+        *if result.is_ok() { &mut good } else { &mut bad } += 1;
+    }
+    assert!(good > 100 && bad > 100, "{good} good, {bad} bad");
+}
+
+#[test]
+fn broken_documents_read_the_same_for_all_cuts() {
+    let mut r = Random(2);
+    let mut broken = 0;
+    for _ in 0..1500 {
+        let mut text = document(&mut r);
+        for _ in 0..=r.below(3) {
+            break_something(&mut r, &mut text, true);
+        }
+        let result = same_for_all_cuts(&text);
+        let (whole, _) = whole(&text);
+        let structural = |d: &[Diagnostic]| d.iter().any(|d| d.code.is_structural());
+        assert_eq!(structural(diagnostics(&result)), structural(&whole), "\n{result:?}\n{whole:?}\n{text}");
+        broken += usize::from(structural(&whole));
+    }
+    assert!(broken > 500, "only {broken} were broken");
+}
+
+#[test]
+fn guesses_inside_comments_are_thrown_away() {
+    let inside = "<sphere radius='0'></sphere> <triangle> </plane>".repeat(200);
+    let text = format!("<scene>{CAMERA}<world>{LIGHT}<!--{inside}-->{LIGHT}<?p {inside}?>{LIGHT}</world></scene>");
+    let read = same_for_all_cuts(&text).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(read.scene.lights().len(), 3);
+    assert!(read.warnings.is_empty());
+}

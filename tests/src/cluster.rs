@@ -1,0 +1,162 @@
+//! A farm in one line: a coordinator and workers on loopback.
+//!
+//! ```no_run
+//! # use tessera_tests::{cluster::Cluster, generate};
+//! let rendered = Cluster::of(generate::demo().scene().unwrap()).size(64, 48).render();
+//! ```
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use coordinator::{Farm, ListenAddr, PixelFormat, Progress, RenderJob, Rendered, SceneSource, TileSize, Unfinished};
+use tessera_core::film::{Region, Tile};
+use tessera_core::scene::Scene;
+use tessera_core::settings::{Sampling, Settings, Transfer, View};
+use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+use worker::{Exact, Studio, TileTracer};
+
+/// A job to be rendered by a farm of its own; two workers of one thread unless told otherwise.
+#[derive(Clone, Debug)]
+pub struct Cluster {
+    /// The job, for whatever has no method here.
+    pub job: RenderJob,
+}
+
+impl Cluster {
+    /// `scene` at 160x120, in floats, by two workers.
+    ///
+    /// # Panics
+    /// Never: the settings are in range.
+    #[must_use]
+    pub fn of(scene: Scene) -> Self {
+        let settings = Settings {
+            view: View::new(160, 120, 1.0, 1.0).expect("in range"),
+            max_depth: 6,
+            sampling: Sampling::Uniform { grid: 1 },
+            transfer: Transfer::Srgb,
+        };
+        let mut job = RenderJob::new(SceneSource::Resolved(Arc::new(scene)), settings);
+        job.threads = 2;
+        job.pixels = PixelFormat::F32;
+        Self { job }
+    }
+
+    /// A picture of `width` × `height` pixels.
+    ///
+    /// # Panics
+    /// When that is out of range.
+    #[must_use]
+    pub fn size(mut self, width: u32, height: u32) -> Self {
+        self.job.settings.view = View::new(width, height, 1.0, 1.0).expect("a size in range");
+        self.job.region = Region { x0: 0, y0: 0, x1: width, y1: height };
+        self
+    }
+
+    /// Workers in this process, and threads of each.
+    #[must_use]
+    pub fn workers(mut self, workers: usize, threads: usize) -> Self {
+        self.job.workers = workers;
+        self.job.threads = workers * threads;
+        self
+    }
+
+    /// Tiles of `edge` pixels instead of by cost.
+    #[must_use]
+    pub fn tile(mut self, edge: u32) -> Self {
+        self.job.tile = TileSize::Edge(edge);
+        self
+    }
+
+    /// Every tile takes at least this long.
+    #[must_use]
+    pub fn slow(mut self, least: Duration) -> Self {
+        self.job.studio = Arc::new(Slow(least));
+        self
+    }
+
+    /// Starts the farm; must be called inside a runtime.
+    ///
+    /// # Panics
+    /// When there is no loopback to listen on.
+    pub async fn start(self) -> Running {
+        let farm = Farm::bind(ListenAddr::Loopback).await.expect("loopback");
+        let (addr, cancel) = (farm.addr(), CancellationToken::new());
+        let (sender, progress) = watch::channel(Progress::default());
+        let render = farm.render(self.job, sender, cancel.clone());
+        Running { addr, progress, cancel, render: tokio::spawn(render) }
+    }
+
+    /// Renders on a runtime of its own.
+    ///
+    /// # Errors
+    /// As the render ends.
+    ///
+    /// # Panics
+    /// When there is no runtime to be had.
+    pub fn render(self) -> Result<Rendered, Unfinished> {
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async { self.start().await.end().await })
+    }
+}
+
+/// A farm at work.
+#[derive(Debug)]
+pub struct Running {
+    /// Where workers connect.
+    pub addr: SocketAddr,
+    /// How far it is.
+    pub progress: watch::Receiver<Progress>,
+    /// Stops it.
+    pub cancel: CancellationToken,
+    render: JoinHandle<Result<Rendered, Unfinished>>,
+}
+
+/// Longer than anything here takes: what is not there by then never comes.
+const NEVER: Duration = Duration::from_secs(60);
+
+impl Running {
+    /// Waits until `so` holds.
+    ///
+    /// # Panics
+    /// When it does not within a minute, or the render ends before.
+    pub async fn until(&mut self, so: impl FnMut(&Progress) -> bool) {
+        let seen = tokio::time::timeout(NEVER, self.progress.wait_for(so)).await;
+        let met = seen.expect("it does not come to that").is_ok();
+        assert!(met, "the render ended before");
+    }
+
+    /// Waits for the end.
+    ///
+    /// # Errors
+    /// As the render ends.
+    ///
+    /// # Panics
+    /// When it does not end within a minute, or panics.
+    pub async fn end(self) -> Result<Rendered, Unfinished> {
+        let end = tokio::time::timeout(NEVER, self.render).await.expect("the render hangs");
+        end.expect("the render panicked")
+    }
+}
+
+/// The tracer, made to take its time.
+#[derive(Clone, Copy, Debug)]
+pub struct Slow(pub Duration);
+
+struct SlowTracer(Arc<dyn TileTracer>, Duration);
+
+impl Studio for Slow {
+    fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
+        Ok(Arc::new(SlowTracer(Exact.open(scene, settings)?, self.0)))
+    }
+}
+
+impl TileTracer for SlowTracer {
+    fn render(&self, region: Region) -> (Tile, RayCounts) {
+        std::thread::sleep(self.1);
+        self.0.render(region)
+    }
+}

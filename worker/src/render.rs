@@ -1,0 +1,151 @@
+//! Leases in, pixels out: the worker's threads and the queue before them.
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use rayon::ThreadPool;
+use tessera_core::film::{Tile, encode};
+use tessera_core::settings::Transfer;
+use tessera_core::trace::RayCounts;
+use tessera_proto::convert::{Lease, TileDone, pixel_bytes};
+use tessera_proto::wire::{self, WorkerMessage, worker_message::Kind};
+use tessera_proto::{LeaseId, Pass, PixelFormat, Pixels};
+use tokio::sync::mpsc;
+
+use crate::studio::TileTracer;
+
+/// Renders one session's leases, oldest first, on a rayon pool.
+///
+/// Deliveries go into a bounded channel: where the network is slower than the threads, the
+/// threads wait, and memory does not grow.
+#[derive(Clone)]
+pub(crate) struct Foreman(Arc<Inner>);
+
+struct Inner {
+    pool: Arc<ThreadPool>,
+    tracer: Arc<dyn TileTracer>,
+    format: PixelFormat,
+    transfer: Transfer,
+    /// Leases rendered at once: two where there are many threads, so that none stands still
+    /// while the last ones finish a tile.
+    at_once: usize,
+    out: mpsc::Sender<WorkerMessage>,
+    desk: Mutex<Desk>,
+}
+
+struct Desk {
+    queue: VecDeque<Lease>,
+    running: usize,
+    /// When a tile was last finished; before the first, when the session began.
+    last_end: Instant,
+}
+
+impl Foreman {
+    pub(crate) fn new(
+        pool: Arc<ThreadPool>,
+        tracer: Arc<dyn TileTracer>,
+        (format, transfer): (PixelFormat, Transfer),
+        out: mpsc::Sender<WorkerMessage>,
+    ) -> Self {
+        let at_once = if pool.current_num_threads() > 1 { 2 } else { 1 };
+        let desk = Mutex::new(Desk { queue: VecDeque::new(), running: 0, last_end: Instant::now() });
+        Self(Arc::new(Inner { pool, tracer, format, transfer, at_once, out, desk }))
+    }
+
+    /// Adds a lease to the queue.
+    pub(crate) fn take(&self, lease: Lease) {
+        let mut desk = self.0.desk();
+        desk.queue.push_back(lease);
+        if desk.running < self.0.at_once {
+            desk.running += 1;
+            let inner = self.0.clone();
+            self.0.pool.spawn(move || inner.run());
+        }
+    }
+
+    /// Takes a lease off the queue, if it has not begun.
+    pub(crate) fn revoke(&self, lease: LeaseId) -> Option<Lease> {
+        let mut desk = self.0.desk();
+        let at = desk.queue.iter().position(|l| l.id == lease)?;
+        desk.queue.remove(at)
+    }
+
+    /// Takes everything off the queue.
+    pub(crate) fn clear(&self) -> Vec<Lease> {
+        self.0.desk().queue.drain(..).collect()
+    }
+
+    /// Whether nothing is being rendered or delivered.
+    pub(crate) fn is_still(&self) -> bool {
+        self.0.desk().running == 0
+    }
+}
+
+impl Inner {
+    fn desk(&self) -> MutexGuard<'_, Desk> {
+        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Renders from the queue until it is empty or nobody wants the results.
+    fn run(&self) {
+        loop {
+            let (lease, start, idle) = {
+                let mut desk = self.desk();
+                let Some(lease) = desk.queue.pop_front().filter(|_| !self.out.is_closed()) else {
+                    desk.running -= 1;
+                    return;
+                };
+                let start = Instant::now();
+                let idle = if desk.running == 1 { start - desk.last_end.min(start) } else { Duration::ZERO };
+                (lease, start, idle)
+            };
+            let kind = match self.render(&lease) {
+                Ok((pixels, rays)) => {
+                    let pixels = pixel_bytes(&pixels);
+                    let mut desk = self.desk();
+                    let end = Instant::now();
+                    let busy = end - start.max(desk.last_end).min(end);
+                    desk.last_end = end;
+                    drop(desk);
+                    let done = TileDone { lease: lease.id, attempt: lease.attempt, pixels, rays, busy, idle };
+                    Kind::TileDone(done.into())
+                }
+                Err(cause) => Kind::TileFailed(wire::TileFailed { lease: lease.id.0, attempt: lease.attempt.0, cause }),
+            };
+            if self.out.blocking_send(WorkerMessage { kind: Some(kind) }).is_err() {
+                let mut desk = self.desk();
+                desk.queue.clear();
+                desk.running -= 1;
+                return;
+            }
+        }
+    }
+
+    fn render(&self, lease: &Lease) -> Result<(Pixels, RayCounts), String> {
+        if lease.pass != Pass(0) {
+            return Err(format!("pass {} is unknown", lease.pass.0));
+        }
+        let (tile, rays) = catch_unwind(AssertUnwindSafe(|| self.tracer.render(lease.region))).map_err(|panic| {
+            let said = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+            let said = said.or_else(|| panic.downcast_ref::<String>().cloned());
+            format!("the tracer stopped: {}", said.unwrap_or_default())
+        })?;
+        if tile.region != lease.region || tile.pixels.len() as u64 != lease.region.area() {
+            return Err("the tracer rendered something else".into());
+        }
+        if !tile.pixels.as_flattened().iter().all(|c| c.is_finite()) {
+            return Err("a pixel is not finite".into());
+        }
+        Ok((self.encode(tile), rays))
+    }
+
+    fn encode(&self, tile: Tile) -> Pixels {
+        match self.format {
+            PixelFormat::Rgb8 => Pixels::Rgb8(encode::to_bytes(self.transfer, &tile.pixels)),
+            PixelFormat::Rgb16 => Pixels::Rgb16(encode::to_words(self.transfer, &tile.pixels)),
+            PixelFormat::F32 => Pixels::F32(tile.pixels),
+        }
+    }
+}

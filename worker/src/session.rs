@@ -1,0 +1,359 @@
+//! One connection to a coordinator, from dialling to the end of its stream.
+
+use std::error::Error as _;
+use std::sync::Arc;
+use std::time::Duration;
+
+use rayon::ThreadPool;
+use sha2::{Digest, Sha256};
+use tessera_core::trace::PreparedScene;
+use tessera_proto::convert::{Job, Lease, Registration, cause};
+use tessera_proto::limits::{
+    KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, REGISTER_WITHIN, cut,
+};
+use tessera_proto::scene::SceneDecoder;
+use tessera_proto::wire::farm_client::FarmClient;
+use tessera_proto::wire::worker_message::Kind as Say;
+use tessera_proto::wire::{self, CoordinatorMessage, WorkerMessage, coordinator_message::Kind as Hear};
+use tessera_proto::{InstanceId, LeaseId, SceneHash, SessionId};
+use tokio::sync::mpsc;
+use tokio::task::AbortHandle;
+use tokio::time::timeout;
+use tokio_stream::wrappers::ReceiverStream;
+use tokio_util::sync::CancellationToken;
+use tonic::transport::{Channel, Endpoint};
+use tonic::{Code, Status, Streaming};
+
+use crate::Config;
+use crate::cache::SceneCache;
+use crate::heart::beat;
+use crate::render::Foreman;
+use crate::studio::TileTracer;
+
+/// Bytes of a scene on their way at most: an ocean away, a smaller window would be the limit.
+const WINDOW: u32 = 16 << 20;
+/// Deliveries that wait for the network, beside the ones at work.
+const DELIVERIES: usize = 4;
+/// How long a piece of the scene may take to come.
+const PIECE_WITHIN: Duration = Duration::from_secs(30);
+/// How long the coordinator may take to end its side.
+const GOODBYE_WITHIN: Duration = Duration::from_secs(2);
+
+/// What sessions of one worker have in common.
+pub(crate) struct Session {
+    pub(crate) instance: InstanceId,
+    pub(crate) pool: Arc<ThreadPool>,
+    pub(crate) cache: SceneCache,
+    pub(crate) config: Config,
+}
+
+/// How a session ended.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// There is no more work.
+    Finished,
+    /// This worker was asked to stop.
+    Stopped,
+    /// Not wanted, for good.
+    Refused(String),
+    /// Not to be had, or lost; worth another try.
+    Lost(String),
+}
+
+impl From<Status> for Outcome {
+    fn from(status: Status) -> Self {
+        match status.code() {
+            Code::FailedPrecondition | Code::InvalidArgument | Code::PermissionDenied | Code::Unimplemented => {
+                Self::Refused(cause(status.message()))
+            }
+            _ => Self::Lost(says(&status)),
+        }
+    }
+}
+
+/// What a status says, with what lies beneath it.
+pub(crate) fn says(status: &Status) -> String {
+    let mut text = cause(status.message());
+    let mut source = status.source();
+    while let Some(s) = source {
+        let more = s.to_string();
+        if !text.contains(&more) {
+            text = if text.is_empty() { more } else { format!("{text}: {more}") };
+        }
+        source = s.source();
+    }
+    if text.is_empty() { format!("{:?}", status.code()) } else { text }
+}
+
+/// Ends a task when nobody is left to wait for it.
+struct Ended(AbortHandle);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+impl Session {
+    /// Works until the stream ends. Also says whether the coordinator welcomed this worker.
+    pub(crate) async fn run(&self, stop: &CancellationToken) -> (bool, Outcome) {
+        let mut welcomed = false;
+        let connect = async {
+            let channel = self.dial().await?;
+            self.register(channel).await
+        };
+        let registered = tokio::select! {
+            registered = connect => registered,
+            () = stop.cancelled() => return (false, Outcome::Stopped),
+        };
+        let outcome = match registered {
+            Ok(talk) => {
+                welcomed = true;
+                talk.work(self, stop).await.unwrap_or_else(|outcome| outcome)
+            }
+            Err(outcome) => outcome,
+        };
+        (welcomed, outcome)
+    }
+
+    async fn dial(&self) -> Result<Channel, Outcome> {
+        let endpoint = Endpoint::from_shared(format!("http://{}", self.config.connect))
+            .map_err(|e| Outcome::Refused(e.to_string()))?
+            .connect_timeout(REGISTER_WITHIN)
+            .http2_keep_alive_interval(KEEPALIVE_INTERVAL)
+            .keep_alive_timeout(KEEPALIVE_TIMEOUT)
+            .keep_alive_while_idle(true)
+            .initial_stream_window_size(WINDOW)
+            .initial_connection_window_size(WINDOW);
+        endpoint.connect().await.map_err(|e| {
+            let mut text = "cannot connect".to_owned();
+            let mut source = e.source();
+            while let Some(s) = source {
+                text = format!("{text}: {s}");
+                source = s.source();
+            }
+            Outcome::Lost(text)
+        })
+    }
+
+    async fn register(&self, channel: Channel) -> Result<Talk, Outcome> {
+        let mut client = FarmClient::new(channel)
+            .max_decoding_message_size(MAX_MESSAGE_BYTES)
+            .max_encoding_message_size(MAX_MESSAGE_BYTES);
+        let (out, outbox) = mpsc::channel(DELIVERIES);
+        let registration = Registration {
+            name: cut(&self.config.name, MAX_NAME_BYTES).into(),
+            threads: self.pool.current_num_threads() as u32,
+            instance: self.instance,
+            local: self.config.local.as_ref().map(|l| l.secret),
+        };
+        let talk = async {
+            say(&out, Say::Register(registration.into())).await?;
+            let mut inbox = client.work(ReceiverStream::new(outbox)).await?.into_inner();
+            match hear(&mut inbox).await? {
+                Some(Hear::Welcome(welcome)) => Ok((inbox, welcome)),
+                _ => Err(Outcome::Lost("the coordinator did not answer as one".into())),
+            }
+        };
+        let (inbox, welcome) = timeout(2 * REGISTER_WITHIN, talk)
+            .await
+            .map_err(|_| Outcome::Lost("the coordinator does not answer".into()))??;
+        tracing::info!("registered with {} as {:?}", self.config.connect, cause(&welcome.name));
+        let millis = |ms: u32| Duration::from_millis(u64::from(ms.clamp(50, 60_000)));
+        let session = SessionId(welcome.session);
+        let heart = beat(client.clone(), session, millis(welcome.heartbeat_interval_ms), millis(welcome.dead_after_ms));
+        Ok(Talk { client, session, out, inbox, heart: tokio::spawn(heart) })
+    }
+
+    /// What renders `job`, its scene taken from wherever it is nearest.
+    async fn tracer(&self, job: &Job, talk: &mut Talk) -> Result<Arc<dyn TileTracer>, Outcome> {
+        let Some((hash, bytes)) = job.scene else {
+            let local = self.config.local.as_ref();
+            return local.map(|l| l.tracer.clone()).ok_or_else(|| Outcome::Lost("there is no scene".into()));
+        };
+        let prepared = match self.cache.get(hash) {
+            Some(prepared) => {
+                tracing::info!("scene {hash} is here already");
+                prepared
+            }
+            None => {
+                self.cache.make_room();
+                tracing::info!("fetching scene {hash}, {bytes} bytes");
+                let scene = Arc::new(talk.fetch(hash, bytes).await?);
+                let prepared = self.on_pool(move || PreparedScene::build(scene)).await?;
+                let prepared = Arc::new(prepared);
+                self.cache.put(hash, prepared.clone());
+                prepared
+            }
+        };
+        let (studio, settings) = (self.config.studio.clone(), job.settings);
+        match self.on_pool(move || studio.open(prepared, settings)).await? {
+            Ok(tracer) => Ok(tracer),
+            Err(e) => {
+                say(&talk.out, Say::Unable(wire::Unable { cause: e.to_string() })).await?;
+                Err(Outcome::Lost(format!("the job cannot be rendered here: {e}")))
+            }
+        }
+    }
+
+    /// Computes on the rendering threads, not on those that keep the connection.
+    async fn on_pool<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Outcome> {
+        let pool = self.pool.clone();
+        let done = tokio::task::spawn_blocking(move || pool.install(work)).await;
+        done.map_err(|e| Outcome::Lost(format!("the scene could not be prepared: {e}")))
+    }
+}
+
+/// A session that the coordinator welcomed.
+struct Talk {
+    client: FarmClient<Channel>,
+    session: SessionId,
+    out: mpsc::Sender<WorkerMessage>,
+    inbox: Streaming<CoordinatorMessage>,
+    heart: tokio::task::JoinHandle<String>,
+}
+
+async fn say(out: &mpsc::Sender<WorkerMessage>, kind: Say) -> Result<(), Outcome> {
+    let sent = out.send(WorkerMessage { kind: Some(kind) }).await;
+    sent.map_err(|_| Outcome::Lost("the coordinator closed the connection".into()))
+}
+
+/// The coordinator's next message; `None` at the end of its stream.
+async fn hear(inbox: &mut Streaming<CoordinatorMessage>) -> Result<Option<Hear>, Outcome> {
+    match inbox.message().await? {
+        None => Ok(None),
+        Some(CoordinatorMessage { kind: Some(kind) }) => Ok(Some(kind)),
+        Some(_) => Err(Outcome::Lost("the coordinator says what this worker does not know".into())),
+    }
+}
+
+impl Talk {
+    async fn work(mut self, session: &Session, stop: &CancellationToken) -> Result<Outcome, Outcome> {
+        let _heart = Ended(self.heart.abort_handle());
+        let prepared = tokio::select! {
+            biased;
+            () = stop.cancelled() => return Ok(Outcome::Stopped),
+            foreman = self.prepare(session) => foreman?,
+        };
+        let Some(foreman) = prepared else { return Ok(Outcome::Finished) };
+        say(&self.out, Say::Ready(wire::Ready {})).await?;
+        loop {
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => return self.drain(foreman).await,
+                heart = &mut self.heart => {
+                    return Err(Outcome::Lost(heart.unwrap_or_else(|e| e.to_string())));
+                }
+                heard = hear(&mut self.inbox) => match heard? {
+                    None => return Err(Outcome::Lost("the coordinator closed the connection".into())),
+                    Some(Hear::Finished(_)) => return Ok(Outcome::Finished),
+                    Some(Hear::Lease(lease)) => {
+                        let lease = Lease::try_from(lease).map_err(|e| Outcome::Lost(format!("a bad lease: {e}")))?;
+                        foreman.take(lease);
+                    }
+                    Some(Hear::Revoke(revoke)) => {
+                        if let Some(lease) = foreman.revoke(LeaseId(revoke.lease)) {
+                            give_back(&self.out, &lease).await?;
+                        }
+                    }
+                    Some(Hear::Welcome(_) | Hear::Job(_)) => {
+                        return Err(Outcome::Lost("the coordinator repeats itself".into()));
+                    }
+                },
+            }
+        }
+    }
+
+    /// Waits for the job and makes everything ready for its first lease. `None`: there is none.
+    async fn prepare(&mut self, session: &Session) -> Result<Option<Foreman>, Outcome> {
+        let job = match hear(&mut self.inbox).await? {
+            Some(Hear::Job(job)) => Job::try_from(job).map_err(|e| Outcome::Lost(format!("a bad job: {e}")))?,
+            Some(Hear::Finished(_)) => return Ok(None),
+            _ => return Err(Outcome::Lost("the coordinator offers no job".into())),
+        };
+        let tracer = session.tracer(&job, self).await?;
+        let form = (job.pixels, job.settings.transfer);
+        Ok(Some(Foreman::new(session.pool.clone(), tracer, form, self.out.clone())))
+    }
+
+    /// Fetches the scene and holds it against its hash.
+    async fn fetch(&mut self, hash: SceneHash, bytes: u64) -> Result<tessera_core::scene::Scene, Outcome> {
+        let bad = |e: &dyn std::fmt::Display| Outcome::Lost(format!("the scene that came is not sound: {e}"));
+        let request = wire::SceneRequest { session: self.session.0, scene_sha256: hash.0.to_vec() };
+        let mut pieces = self.client.fetch_scene(request).await?.into_inner();
+        // Reading the scene is work for a thread of its own; two pieces wait for it at most.
+        let (to_reader, mut to_read) = mpsc::channel::<bytes::Bytes>(2);
+        let reader = tokio::task::spawn_blocking(move || {
+            let (mut decoder, mut sum) = (SceneDecoder::new(bytes)?, Sha256::new());
+            while let Some(piece) = to_read.blocking_recv() {
+                sum.update(&piece);
+                decoder.push(&piece)?;
+            }
+            decoder.finish().map(|scene| (scene, SceneHash(sum.finalize().into())))
+        });
+        loop {
+            let piece = timeout(PIECE_WITHIN, pieces.message())
+                .await
+                .map_err(|_| Outcome::Lost("the scene does not come".into()))??;
+            let Some(piece) = piece else { break };
+            if to_reader.send(piece.data).await.is_err() {
+                break; // The reader says why.
+            }
+        }
+        drop(to_reader);
+        let (scene, got) = reader.await.map_err(|e| bad(&e))?.map_err(|e| bad(&e))?;
+        if got != hash { Err(bad(&"its hash differs")) } else { Ok(scene) }
+    }
+
+    /// Leaves in order: returns what was not begun, delivers the rest, ends this half.
+    async fn drain(mut self, foreman: Foreman) -> Result<Outcome, Outcome> {
+        tracing::info!("leaving after the tile at work");
+        say(&self.out, Say::Draining(wire::Draining {})).await?;
+        for lease in foreman.clear() {
+            give_back(&self.out, &lease).await?;
+        }
+        let mut look = tokio::time::interval(Duration::from_millis(5));
+        while !foreman.is_still() {
+            tokio::select! {
+                _ = look.tick() => {}
+                heart = &mut self.heart => return Err(Outcome::Lost(heart.unwrap_or_else(|e| e.to_string()))),
+                heard = hear(&mut self.inbox) => match heard? {
+                    None | Some(Hear::Finished(_)) => return Ok(Outcome::Stopped),
+                    Some(Hear::Lease(lease)) => {
+                        if let Ok(lease) = Lease::try_from(lease) {
+                            give_back(&self.out, &lease).await?;
+                        }
+                    }
+                    Some(_) => {}
+                },
+            }
+        }
+        // It holds an end of the outgoing stream too.
+        drop(foreman);
+        let Self { out, mut inbox, heart, .. } = self;
+        let _heart = Ended(heart.abort_handle());
+        // Leases may still be on the way; they are returned until the coordinator is done.
+        let rest = async {
+            let mut out = Some(out);
+            loop {
+                let quiet = timeout(Duration::from_millis(50), hear(&mut inbox)).await;
+                match quiet {
+                    Ok(Ok(Some(Hear::Lease(lease)))) => {
+                        if let (Ok(lease), Some(out)) = (Lease::try_from(lease), &out) {
+                            give_back(out, &lease).await?;
+                        }
+                    }
+                    Ok(Ok(Some(_))) => {}
+                    Ok(Ok(None) | Err(_)) => return Ok(()),
+                    Err(_) => out = None,
+                }
+            }
+        };
+        let _: Result<Result<(), Outcome>, _> = timeout(GOODBYE_WITHIN, rest).await;
+        Ok(Outcome::Stopped)
+    }
+}
+
+async fn give_back(out: &mpsc::Sender<WorkerMessage>, lease: &Lease) -> Result<(), Outcome> {
+    say(out, Say::LeaseReturned(wire::LeaseReturned { lease: lease.id.0, attempt: lease.attempt.0 })).await
+}

@@ -1,0 +1,39 @@
+//! What renders tiles: the tracer, or in tests something slower.
+
+use std::fmt;
+use std::sync::Arc;
+
+use tessera_core::film::{Region, Tile};
+use tessera_core::settings::Settings;
+use tessera_core::trace::{PrepareError, PreparedScene, RayCounts, Tracer};
+
+/// Sets up tracers.
+pub trait Studio: Send + Sync + fmt::Debug {
+    /// What renders `scene` under `settings`.
+    ///
+    /// # Errors
+    /// When the settings cannot be had.
+    fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError>;
+}
+
+/// Renders regions of one picture.
+pub trait TileTracer: Send + Sync {
+    /// The pixels of `region`, on the calling rayon pool.
+    fn render(&self, region: Region) -> (Tile, RayCounts);
+}
+
+/// The project's tracer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Exact;
+
+impl Studio for Exact {
+    fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
+        Ok(Arc::new(Tracer::new(scene, settings)?))
+    }
+}
+
+impl TileTracer for Tracer {
+    fn render(&self, region: Region) -> (Tile, RayCounts) {
+        Self::render(self, region)
+    }
+}
