@@ -2,6 +2,7 @@
 
 pub(crate) mod arbiter;
 mod camera;
+mod condition;
 mod court;
 mod filter;
 mod packet;
@@ -18,6 +19,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 pub use camera::PlanePoint;
+pub use condition::Condition;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::{Region, Tile};

@@ -23,6 +23,10 @@ pub struct PreparedScene {
     pub(crate) boxes: Boxes,
     /// The scene for packets of f32 rays, where its numbers allow that.
     pub(crate) filter: Option<Filter>,
+    /// Share of objects whose boxes f32 would enlarge noticeably.
+    pub(crate) outgrown: f64,
+    /// Triangles of exactly no area.
+    pub(crate) flat: usize,
 }
 
 /// What a ray meets first.
@@ -42,12 +46,13 @@ impl PreparedScene {
     #[must_use]
     pub fn build(scene: Arc<Scene>) -> Self {
         let local = Local::new(&scene);
-        let boxes = Self::boxes(&scene, &local);
+        let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
         let filter = Filter::new(&scene, &local, &boxes);
-        Self { scene, local, boxes, filter }
+        Self { scene, local, boxes, filter, outgrown, flat }
     }
 
-    fn boxes(scene: &Scene, local: &Local) -> Boxes {
+    /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
+    fn boxes(scene: &Scene, local: &Local) -> (Boxes, f64, usize) {
         let first = scene.planes().len();
         let spheres = scene.spheres().len();
         let id = |i: usize| (first + i) as u32;
@@ -71,12 +76,14 @@ impl PreparedScene {
                     &scene.triangles()[(b - first_triangle) as usize],
                 )
         };
-        let bloated = all.par_iter().filter(|(b, ..)| grows(b)).count();
-        if bloated as f64 > BLOATED * all.len() as f64 {
+        let flat = spheres + scene.triangles().len() - all.len();
+        let outgrown = all.par_iter().filter(|(b, ..)| grows(b)).count() as f64 / all.len().max(1) as f64;
+        let boxes = if outgrown > BLOATED {
             Boxes::Double(hierarchy(&all, &hidden))
         } else {
             Boxes::Single(hierarchy(&all, &hidden))
-        }
+        };
+        (boxes, outgrown, flat)
     }
 
     /// The scene this was built from.
