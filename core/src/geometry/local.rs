@@ -29,6 +29,10 @@ pub(crate) struct Local {
     origin: DVec3,
     /// Local = (world − origin) · 2^−power.
     pub(crate) power: i32,
+    /// 2^−power as two factors, so that each is a normal number.
+    factors: [f64; 2],
+    /// Whether differences from the origin may overflow, so that quarters are taken.
+    quarters: bool,
     pub(crate) planes: Vec<LocalPlane>,
     pub(crate) spheres: Vec<LocalSphere>,
     pub(crate) lights: Vec<DVec3>,
@@ -41,10 +45,6 @@ pub(crate) fn ldexp(x: f64, k: i32) -> f64 {
     let p = |e: i32| f64::from_bits(((e.clamp(-1022, 1023) + 1023) as u64) << 52);
     // Two factors cover ±2044; coordinates and their powers stay within.
     x * p(half) * p(rest)
-}
-
-fn ldexp3(v: DVec3, k: i32) -> DVec3 {
-    DVec3::new(ldexp(v.x, k), ldexp(v.y, k), ldexp(v.z, k))
 }
 
 /// e with 2^(e−1) ≤ |x| < 2^e, for finite x ≠ 0.
@@ -82,7 +82,17 @@ impl Local {
                 .fold(0.0, f64::max);
         }
         let power = if reach > 0.0 { exponent(reach) + 2 } else { 0 };
-        let mut local = Self { origin, power, planes: Vec::new(), spheres: Vec::new(), lights: Vec::new() };
+        let (half, rest) = (-power / 2, -power - -power / 2);
+        let factors = [ldexp(1.0, half), ldexp(1.0, rest)];
+        // Far below the overflow limit the difference is taken as it is, so that denormals stay exact.
+        let everything = scene.lights().iter().map(|&l| far(l)).fold(reach, f64::max);
+        let points = scene.planes().iter().filter_map(|p| match p.position {
+            PlanePosition::Point(q) => Some(far(q)),
+            PlanePosition::Distance(_) => None,
+        });
+        let quarters = points.fold(everything, f64::max) > 1e299 || origin.abs().max_element() > 1e299;
+        let mut local =
+            Self { origin, power, factors, quarters, planes: Vec::new(), spheres: Vec::new(), lights: Vec::new() };
         local.planes = scene.planes().iter().map(|p| local.plane(p)).collect();
         local.spheres = scene
             .spheres()
@@ -94,22 +104,24 @@ impl Local {
     }
 
     /// A world point in local space, within u·|result| of the real one.
+    #[inline]
     pub(crate) fn point(&self, v: DVec3) -> DVec3 {
-        // Far below the overflow limit the difference is taken as it is, so that denormals stay exact.
-        let big = 1e300;
-        if v.abs().max_element() < big && self.origin.abs().max_element() < big {
-            ldexp3(v - self.origin, -self.power)
-        } else {
-            ldexp3(v * 0.25 - self.origin * 0.25, 2 - self.power)
-        }
+        if self.quarters { self.scaled(v * 0.25 - self.origin * 0.25) * 4.0 } else { self.scaled(v - self.origin) }
+    }
+
+    /// A world vector in local space.
+    #[inline]
+    fn scaled(&self, v: DVec3) -> DVec3 {
+        v * self.factors[0] * self.factors[1]
     }
 
     /// A triangle's corners in local space, each within 2u·(largest corner) of the real ones.
+    #[inline]
     pub(crate) fn triangle(&self, t: &Triangle) -> LocalTriangle {
         let [a, b, c] = t.written;
         let a = self.point(a);
         if t.by_sides() {
-            LocalTriangle { v: [a, a + ldexp3(b, -self.power), a + ldexp3(c, -self.power)].map(V3::splat) }
+            LocalTriangle { v: [a, a + self.scaled(b), a + self.scaled(c)].map(V3::splat) }
         } else {
             LocalTriangle { v: [a, self.point(b), self.point(c)].map(V3::splat) }
         }

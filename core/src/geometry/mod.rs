@@ -21,7 +21,7 @@ pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
 pub(crate) use local::{Local, ObjectId};
-pub(crate) use ray::{Ray, Span};
+pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
 pub(crate) use real::{Real, V3};
 
 /// The unit roundoff of f64, 2⁻⁵³.

@@ -26,11 +26,19 @@ impl<R: Real> Ray<R> {
     #[inline(always)]
     pub(crate) fn new(o: V3<R>, d: V3<R>, eo: R, ed: R) -> Self {
         let dd = d.dot(d);
+        // A square near the ends of f64's range has lost its digits: nothing is sure then.
+        let lost = R::splat(f64::INFINITY);
+        let ed = (dd - R::splat(LEAST_SQUARE)).if_positive(ed, lost);
+        let ed = (R::splat(GREATEST_SQUARE) - dd).if_positive(ed, lost);
         let len = dd.sqrt() * R::splat(1.0 + 8.0 * U);
         let inv_len = R::splat(1.0 + 16.0 * U) / len;
         Self { o, d, eo: eo + R::splat(TINY), ed, dd, inv_len, len }
     }
 }
+
+/// Squares of lengths are trusted between these.
+pub(crate) const LEAST_SQUARE: f64 = 1e-270;
+const GREATEST_SQUARE: f64 = 1e300;
 
 /// Where along a ray an object is met, if it is.
 #[derive(Clone, Copy, Debug)]

@@ -80,11 +80,11 @@ pub(crate) fn other_root<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> (R, R) {
 pub(crate) fn test(ray: &Ray, s: &LocalSphere) -> Option<Span> {
     let Roots { near, far, e, qq, delta } = roots(ray, s);
     let outer = s.r + delta;
-    if qq > outer * outer * (1.0 + 8.0 * U) {
+    if qq > outer * outer * (1.0 + 8.0 * U) + TINY {
         return None;
     }
     let inner = s.r - delta;
-    let sure = inner > 0.0 && qq < inner * inner * (1.0 - 8.0 * U);
+    let sure = inner > 0.0 && qq + TINY < inner * inner * (1.0 - 8.0 * U);
     if !sure {
         return Span::unsure(near - e, far + e, false);
     }

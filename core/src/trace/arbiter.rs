@@ -6,8 +6,8 @@
 //! them, and the question is answered among the few objects it concerns.
 //!
 //! Numbers have 256 bits first. A quantity that vanishes beside its own terms to more than
-//! their share of bits is [`Unsure`], and the question is put again with 512; what vanishes
-//! there too is zero: an exact event (a tangent, a shared edge, equal distances), whose outcome
+//! their share of bits is [`Unsure`], and the question is put again with 1536: enough for
+//! terms of which one is the smallest f64 and another is 1. What vanishes there too is zero: an exact event (a tangent, a shared edge, equal distances), whose outcome
 //! the image model defines.
 
 use std::cmp::Ordering;
@@ -21,7 +21,7 @@ use crate::scene::{PlanePosition, Scene};
 
 /// Limbs of the numbers asked first, and of those asked last.
 pub(crate) const FIRST: usize = 4;
-pub(crate) const LAST: usize = 8;
+pub(crate) const LAST: usize = 24;
 
 /// A difference more than three quarters of the bits below its terms is not told from zero.
 const fn tie(limbs: usize) -> i64 {

@@ -199,7 +199,7 @@ impl Tracer {
     pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
         let (mut scratch, mut counts) = (WaveScratch::default(), RayCounts::default());
         let mut out = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
-        self.trace(points, &mut out, &mut scratch, &mut counts);
+        self.trace(points, true, &mut out, &mut scratch, &mut counts);
         (out, counts)
     }
 
@@ -215,9 +215,17 @@ impl Tracer {
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
-    fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {
+    fn trace(
+        &self,
+        points: &[PlanePoint],
+        signatures: bool,
+        out: &mut [Sample],
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            dispatch(self.level, Wave { tracer: self, points, out, scratch: &mut *scratch, counts: &mut *counts });
+            let wave = Wave { tracer: self, points, signatures, out, scratch: &mut *scratch, counts: &mut *counts };
+            dispatch(self.level, wave);
         }
     }
 
@@ -237,7 +245,7 @@ impl Tracer {
         let point = |&(x, y): &(u32, u32)| self.frame.point((block.x0 + x / n, block.y0 + y / n), (x % n, y % n));
         let points: Vec<PlanePoint> = places.iter().map(point).collect();
         let mut samples = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
-        self.trace(&points, &mut samples, scratch, counts);
+        self.trace(&points, false, &mut samples, scratch, counts);
         let mut ordered = vec![DVec3::ZERO; points.len()];
         for (&(x, y), s) in places.iter().zip(&samples) {
             ordered[(y * width + x) as usize] = s.radiance;

@@ -5,12 +5,12 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{self, ExactRay, FIRST, LAST};
+use super::arbiter::{self, ExactRay, FIRST, LAST, Unsure};
 use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
 use crate::geometry::local::surface_and_order;
-use crate::geometry::{Aabb, Local, Ray, U, V3};
+use crate::geometry::{Aabb, Local, ObjectId, Ray, U, V3};
 use crate::precise::Vector;
 use crate::precise::zero_area;
 use crate::scene::{Scene, Triangle};
@@ -102,15 +102,27 @@ impl PreparedScene {
         let o = self.local.point(origin);
         let ray = Ray::new(V3::splat(o), V3::splat(d), 2.0 * U * o.abs().element_sum(), 4.0 * U);
         let mut scratch = Scratch::default();
-        // The distance is asked for too, and is what must be wide.
-        let exact = ExactRay::<LAST> { o: Vector::new(origin), d: Vector::new(direction), from: None };
-        let found = match self.closest(&ray, None, &mut scratch) {
+        let candidates: Vec<_> = match self.closest(&ray, None, &mut scratch) {
             Closest::Nothing => return None,
-            Closest::Sure(decision) => arbiter::closest(&self.scene, &exact, std::iter::once(decision.id)),
-            Closest::Doubt => arbiter::closest(&self.scene, &exact, scratch.candidates()),
+            Closest::Sure(decision) => vec![decision.id],
+            Closest::Doubt => scratch.candidates().collect(),
         };
-        let (decision, t) = found.ok()??;
-        Some(RayHit { order: surface_and_order(&self.scene, decision.id).1, t: t.to_f64() })
+        let (id, t) = self
+            .exactly::<FIRST>(origin, direction, &candidates)
+            .or_else(|Unsure| self.exactly::<LAST>(origin, direction, &candidates))
+            .ok()??;
+        Some(RayHit { order: surface_and_order(&self.scene, id).1, t })
+    }
+
+    fn exactly<const N: usize>(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        candidates: &[ObjectId],
+    ) -> Result<Option<(ObjectId, f64)>, Unsure> {
+        let ray = ExactRay::<N> { o: Vector::new(origin), d: Vector::new(direction), from: None };
+        let found = arbiter::closest(&self.scene, &ray, candidates.iter().copied())?;
+        Ok(found.map(|(decision, t)| (decision.id, t.to_f64())))
     }
 
     /// Whether an object meets the open segment between two points of world space, exactly.

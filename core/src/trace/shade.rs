@@ -4,7 +4,7 @@
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
-use crate::geometry::{Ray, Real, U, V3, plane, sphere, triangle};
+use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, plane, sphere, triangle};
 
 /// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic.
 pub(crate) const VALUE: f64 = 1.0 / (1u64 << 16) as f64;
@@ -98,7 +98,7 @@ pub(crate) fn excess<R: Real>(place: &Place<R>, nearest: R, throughput: R) -> R 
     // Where there is no light, any distance will do.
     let distance = nearest.min(R::splat(f64::MAX)).sqrt();
     let effect = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
-    effect.max(place.en - R::splat(NORMAL))
+    effect.max(place.en - R::splat(NORMAL)).max(R::splat(LEAST_SQUARE) - nearest)
 }
 
 /// The segment from `place` to `light` as a ray of length 1.

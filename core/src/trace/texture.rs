@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::arbiter::{Decision, ExactHit, LAST};
+use super::arbiter::{Decision, ExactHit, FIRST, LAST};
 use super::shade::Place;
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Local, ObjectId, Ray, U, triangle};
@@ -59,7 +59,7 @@ pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
     });
     let first = scene.planes().len() as u32;
     let spheres = scene.orientations().iter().map(|&(i, o)| {
-        let p = Vector::<LAST>::new(o.pole).normalize();
+        let p = Vector::<FIRST>::new(o.pole).normalize();
         let e = Vector::new(o.equator);
         let e = (e - p * e.dot(&p)).normalize();
         let b = e.cross(&p);

@@ -66,6 +66,8 @@ pub(crate) struct Wave<'a> {
     pub(crate) tracer: &'a Tracer,
     /// At most [`PATHS`].
     pub(crate) points: &'a [PlanePoint],
+    /// Whether samples' signatures are wanted.
+    pub(crate) signatures: bool,
     pub(crate) out: &'a mut [Sample],
     pub(crate) scratch: &'a mut WaveScratch,
     pub(crate) counts: &'a mut RayCounts,
@@ -99,6 +101,7 @@ impl Kernel for Wave<'_> {
             hits: Vec::new(),
             refined: 0,
             step: 0,
+            signatures: self.signatures,
         };
         let stage = Stage { tracer: self.tracer, filter, wide };
         stage.camera::<S>(self.points, rays);
@@ -186,7 +189,10 @@ impl Stage<'_> {
         ed.store(&mut packet.ed);
         let pos = ed.fma(s(1.1), s(24.0 * U32)).fma(far + s(self.filter.reach), eo);
         (pos * up).store(&mut packet.pos);
-        far.lt(s(FAR as f32))
+        // Squares of lengths that f32 holds to its full precision.
+        let (x, y, z) = (S::narrow(low.d.x, high.d.x), S::narrow(low.d.y, high.d.y), S::narrow(low.d.z, high.d.z));
+        let dd = x * x + y * y + z * z;
+        far.lt(s(FAR as f32)) & s(1e-30).lt(dd) & dd.lt(s(1e30))
     }
 
     #[inline(always)]
@@ -242,12 +248,16 @@ impl Stage<'_> {
             let seen = &mut paths.out[rays.path[i] as usize];
             if id == NONE {
                 seen.radiance += tracer.background * rays.throughput[i];
-                seen.signature = mix(seen.signature, u64::MAX);
+                if paths.signatures {
+                    seen.signature = mix(seen.signature, u64::MAX);
+                }
                 continue;
             }
             let bare = id & !INSIDE;
             kinds[usize::from(bare >= planes) + usize::from(bare >= spheres)].push(i as u32);
-            seen.signature = mix(seen.signature, u64::from(bare) << 1 | u64::from(id & INSIDE != 0));
+            if paths.signatures {
+                seen.signature = mix(seen.signature, u64::from(bare) << 1 | u64::from(id & INSIDE != 0));
+            }
         }
         for (which, list) in kinds.iter().enumerate() {
             for at in list.chunks(8) {
@@ -448,8 +458,10 @@ impl Stage<'_> {
                     if blocked >> lane & 1 == 0 {
                         let i = i as usize;
                         places.lit[i] += shadows.cosine[first + lane];
-                        let signature = &mut paths.out[rays.path[i] as usize].signature;
-                        *signature ^= mix(*signature | 1, k as u64 + 1).rotate_left(paths.step as u32 + 1);
+                        if paths.signatures {
+                            let signature = &mut paths.out[rays.path[i] as usize].signature;
+                            *signature ^= mix(*signature | 1, k as u64 + 1).rotate_left(paths.step as u32 + 1);
+                        }
                     }
                 }
             }

@@ -30,6 +30,7 @@ pub(super) struct Paths<'a> {
     pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
+    pub(super) signatures: bool,
 }
 
 impl<'a> Paths<'a> {
