@@ -133,6 +133,8 @@ pub struct WorkerStats {
     pub address: String,
     /// Whether it is connected now.
     pub connected: bool,
+    /// Tiles it holds now: being rendered, or next to be.
+    pub holds: usize,
     /// Tiles of it that are in the picture.
     pub tiles: u64,
     /// Pixels of it that are in the picture.
@@ -212,6 +214,9 @@ pub enum RenderError {
         /// The last failure.
         cause: String,
     },
+    /// The picture does not fit in memory.
+    #[error("there is no memory for a picture of {0} pixels")]
+    Memory(u64),
     /// The caller asked to stop.
     #[error("stopped")]
     Cancelled,

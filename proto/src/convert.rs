@@ -376,7 +376,7 @@ pub fn pixel_bytes(pixels: &Pixels) -> Bytes {
 /// When they may not.
 pub fn check_pixels(bytes: &[u8], format: PixelFormat) -> Result<(), Malformed> {
     let one = format.bytes_per_pixel();
-    if bytes.is_empty() || bytes.len() % one != 0 || (bytes.len() / one) as u64 > MAX_TILE_PIXELS {
+    if bytes.is_empty() || !bytes.len().is_multiple_of(one) || (bytes.len() / one) as u64 > MAX_TILE_PIXELS {
         return Err(Malformed::Range("the number of pixels"));
     }
     let finite = |b: &[u8; 4]| f32::from_le_bytes(*b).is_finite();
@@ -455,9 +455,9 @@ mod tests {
             let (bytes, format) = (pixel_bytes(&pixels), pixels.format());
             assert_eq!(check_pixels(&bytes, format), Ok(()));
             assert_eq!(check_size(&bytes, format, &region), Ok(()));
-            let mut back = Pixels::black(format, 4);
+            let mut back = Pixels::black(format, 4).unwrap();
             back.put(1, &bytes);
-            let mut wanted = Pixels::black(format, 1);
+            let mut wanted = Pixels::black(format, 1).unwrap();
             match (&mut wanted, &pixels) {
                 (Pixels::Rgb8(w), Pixels::Rgb8(p)) => w.extend(p),
                 (Pixels::Rgb16(w), Pixels::Rgb16(p)) => w.extend(p),

@@ -35,14 +35,20 @@ pub enum Pixels {
 }
 
 impl Pixels {
-    /// `count` black pixels.
+    /// `count` black pixels, or `None` where there is no memory for them.
     #[must_use]
-    pub fn black(format: PixelFormat, count: usize) -> Self {
-        match format {
-            PixelFormat::Rgb8 => Self::Rgb8(vec![[0; 3]; count]),
-            PixelFormat::Rgb16 => Self::Rgb16(vec![[0; 3]; count]),
-            PixelFormat::F32 => Self::F32(vec![[0.0; 3]; count]),
+    pub fn black(format: PixelFormat, count: usize) -> Option<Self> {
+        fn filled<P: Clone + Default>(count: usize) -> Option<Vec<P>> {
+            let mut pixels = Vec::new();
+            pixels.try_reserve_exact(count).ok()?;
+            pixels.resize(count, Default::default());
+            Some(pixels)
         }
+        Some(match format {
+            PixelFormat::Rgb8 => Self::Rgb8(filled(count)?),
+            PixelFormat::Rgb16 => Self::Rgb16(filled(count)?),
+            PixelFormat::F32 => Self::F32(filled(count)?),
+        })
     }
 
     /// Their format.

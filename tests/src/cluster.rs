@@ -9,15 +9,16 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use coordinator::{Farm, ListenAddr, PixelFormat, Progress, RenderJob, Rendered, SceneSource, TileSize, Unfinished};
-use tessera_core::film::{Region, Tile};
+use coordinator::{
+    Farm, ListenAddr, PixelFormat, Progress, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats,
+};
+use tessera_core::film::Region;
 use tessera_core::scene::Scene;
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
-use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use worker::{Exact, Studio, TileTracer};
+use worker::Studio;
 
 /// A job to be rendered by a farm of its own; two workers of one thread unless told otherwise.
 #[derive(Clone, Debug)]
@@ -71,10 +72,19 @@ impl Cluster {
         self
     }
 
-    /// Every tile takes at least this long.
+    /// Tiles in this process are rendered by `studio`.
     #[must_use]
-    pub fn slow(mut self, least: Duration) -> Self {
-        self.job.studio = Arc::new(Slow(least));
+    pub fn studio(mut self, studio: impl Studio + 'static) -> Self {
+        self.job.studio = Arc::new(studio);
+        self
+    }
+
+    /// Silence is noticed a few times sooner than usual.
+    #[must_use]
+    pub fn nervous(mut self) -> Self {
+        self.job.timing.beat = Duration::from_millis(50);
+        self.job.timing.suspect_after = Duration::from_millis(500);
+        self.job.timing.dead_after = Duration::from_millis(1500);
         self
     }
 
@@ -83,7 +93,15 @@ impl Cluster {
     /// # Panics
     /// When there is no loopback to listen on.
     pub async fn start(self) -> Running {
-        let farm = Farm::bind(ListenAddr::Loopback).await.expect("loopback");
+        self.start_at(ListenAddr::Loopback).await
+    }
+
+    /// As [`Cluster::start`], listening there.
+    ///
+    /// # Panics
+    /// When that is not to be had.
+    pub async fn start_at(self, listen: ListenAddr) -> Running {
+        let farm = Farm::bind(listen).await.expect("a place to listen");
         let (addr, cancel) = (farm.addr(), CancellationToken::new());
         let (sender, progress) = watch::channel(Progress::default());
         let render = farm.render(self.job, sender, cancel.clone());
@@ -129,6 +147,15 @@ impl Running {
         assert!(met, "the render ended before");
     }
 
+    /// How a worker is doing, in the order of their arrival.
+    ///
+    /// # Panics
+    /// When there is none of that number.
+    #[must_use]
+    pub fn worker(&self, number: usize) -> WorkerStats {
+        self.progress.borrow().workers[number].clone()
+    }
+
     /// Waits for the end.
     ///
     /// # Errors
@@ -139,24 +166,5 @@ impl Running {
     pub async fn end(self) -> Result<Rendered, Unfinished> {
         let end = tokio::time::timeout(NEVER, self.render).await.expect("the render hangs");
         end.expect("the render panicked")
-    }
-}
-
-/// The tracer, made to take its time.
-#[derive(Clone, Copy, Debug)]
-pub struct Slow(pub Duration);
-
-struct SlowTracer(Arc<dyn TileTracer>, Duration);
-
-impl Studio for Slow {
-    fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
-        Ok(Arc::new(SlowTracer(Exact.open(scene, settings)?, self.0)))
-    }
-}
-
-impl TileTracer for SlowTracer {
-    fn render(&self, region: Region) -> (Tile, RayCounts) {
-        std::thread::sleep(self.1);
-        self.0.render(region)
     }
 }

@@ -8,10 +8,14 @@
 pub mod cluster;
 pub mod compare;
 pub mod exact;
+pub mod fake;
 pub mod generate;
 pub mod oracle;
 pub mod peers;
 pub mod pigment;
+pub mod process;
 pub mod program;
+pub mod proxy;
 pub mod reference;
+pub mod studio;
 pub mod subject;

@@ -105,3 +105,12 @@ fn tracer_shows_terrain64_as_povray() {
 fn tracer_shows_a_mesh_as_povray() {
     tracer_agrees("knot", &generate::knot_scene(185, 30));
 }
+
+/// A scanned mesh, where its file is beside the checkout.
+#[test]
+fn tracer_shows_a_scanned_mesh_as_povray() {
+    match generate::read_ply(&generate::scans().join("dragon_vrip_res4.ply.gz")) {
+        Some(mesh) => tracer_agrees("scan", &generate::mesh_scene(mesh)),
+        None => println!("skipped: no scanned mesh in {:?}", generate::scans()),
+    }
+}

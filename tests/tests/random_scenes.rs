@@ -44,3 +44,26 @@ fn many_seeds_are_right() {
     let (a, b) = range.split_once("..").expect("TESSERA_SEEDS=first..end");
     all_right(a.parse().unwrap()..b.parse().unwrap(), 64, 48);
 }
+
+/// How POV-Ray fares on the same scenes.
+#[test]
+#[ignore = "a measurement, for the record"]
+fn peers_on_the_same_scenes() {
+    if !tessera_tests::peers::povray_installed() {
+        println!("skipped: povray is not installed");
+        return;
+    }
+    let (mut right, mut count) = (0, 0);
+    for seed in 0..60 {
+        let (document, settings) = extreme::random(seed, 64, 48);
+        let Ok(scene) = document.scene() else { continue };
+        count += 1;
+        let expected = truth(&scene, &settings).clamped();
+        let folder = tempfile::tempdir().unwrap();
+        let picture = tessera_tests::peers::povray(&scene, &settings, folder.path());
+        let wrong = picture.map_or(usize::MAX, |p| difference(&expected, &p).wrong.len());
+        right += u64::from(wrong == 0);
+        println!("seed {seed}: {wrong} wrong pixels");
+    }
+    println!("POV-Ray has {right} of {count} right");
+}

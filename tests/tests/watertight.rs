@@ -3,14 +3,13 @@
 //!
 //! `TESSERA_RAYS` sets the number of rays a mesh (default 400,000).
 
-use std::io::Read;
-use std::path::Path;
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, dvec3};
 use rayon::prelude::*;
 use tessera_tests::exact;
-use tessera_tests::generate::{Document, Look, Mesh, Random, icosphere, knot, torus};
+use tessera_tests::generate::{Document, Look, Mesh, Random, icosphere, knot, read_ply, scans, torus};
 use tessera_tests::subject::Subject;
 
 fn rays() -> u64 {
@@ -108,73 +107,73 @@ fn case_19_every_crossing_is_counted_once() {
     }
 }
 
-/// The scanned dragon, where its files are beside the checkout.
-#[test]
-fn case_19_scanned_mesh() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/dragon_vrip_res4.ply.gz");
-    let Some(mesh) = read_ply(&path) else {
-        println!("skipped: no mesh at {path:?}");
-        return;
-    };
-    // The scan has holes: what escapes must be what exact arithmetic lets escape.
-    let (subject, edges) = (Subject::new(&document(&mesh)), mesh.edges());
+/// The most surface that a ray may see edge-on, as a cosine.
+const EDGE_ON: f64 = 1e-6;
+
+/// A scanned mesh has holes, so nothing is inside it. But a ray at an edge between two faces
+/// that both face it, or both face away, crosses one of them there.
+fn crosses_every_seam(name: &str, mesh: &Mesh) {
+    let mut beside: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
+    for (k, f) in mesh.faces.iter().enumerate() {
+        for i in 0..3 {
+            beside.entry([f[i], f[(i + 1) % 3]]).or_default().push(k);
+        }
+    }
+    // Edges run once in each direction, by faces that turn the same way.
+    let mut seams: Vec<([usize; 2], [usize; 2])> = Vec::new();
+    for (&[a, b], left) in &beside {
+        if let (true, [l], Some([r])) = (a < b, &left[..], beside.get(&[b, a]).map(|r| &r[..])) {
+            seams.push(([a, b], [*l, *r]));
+        }
+    }
+    seams.sort_unstable();
+    let normals: Vec<DVec3> = (0..mesh.faces.len())
+        .map(|k| {
+            let [a, b, c] = mesh.corners(k);
+            (b - a).cross(c - a).normalize()
+        })
+        .collect();
     let centre = mesh.vertices.iter().sum::<DVec3>() / mesh.vertices.len() as f64;
-    let wrong: u64 = (0..1000u64)
+    let size = mesh.vertices.iter().fold(0.0, |m: f64, v| m.max((*v - centre).length()));
+    let subject = Subject::new(&document(mesh));
+    const RUN: u64 = 1024;
+    let (tried, leaks): (u64, u64) = (0..rays().div_ceil(RUN))
         .into_par_iter()
         .map(|run| {
             let random = &mut Random::new(run);
-            let (o, target) = (centre + random.cube() * 0.02, aim(&mesh, &edges, random));
-            let triangles = subject.scene().triangles().iter();
-            let all = triangles.filter_map(|t| exact::to_triangle(t, o, target - o));
-            let hit = subject.hit(o, target - o);
-            let right = match hit {
-                None => all.count() == 0,
-                // No distance is surely below the nearest, and one is it.
-                Some(h) => {
-                    let (mut nearest, mut below) = (false, false);
-                    for t in all {
-                        nearest |= t.within_an_ulp(h.t);
-                        below |= t.compare(h.t.next_down()) == std::cmp::Ordering::Less;
+            let (mut tried, mut leaks) = (0, 0);
+            for _ in 0..RUN {
+                let ([a, b], sides) = seams[random.below(seams.len() as u64) as usize];
+                let (a, b) = (mesh.vertices[a], mesh.vertices[b]);
+                let o = centre + random.direction() * size * random.between(0.0, 3.0);
+                let d = a + (b - a) * random.unit() - o;
+                let [l, r] = sides.map(|k| normals[k].dot(d) / d.length());
+                if l * r > 0.0 && l.abs() > EDGE_ON && r.abs() > EDGE_ON {
+                    tried += 1;
+                    if !subject.hit(o, d).is_some_and(|h| h.t < 1.0 + 1e-6) {
+                        leaks += 1;
+                        println!("{name}: leaks from {o:?} along {d:?}");
                     }
-                    nearest && !below
                 }
-            };
-            u64::from(!right)
+            }
+            (tried, leaks)
         })
-        .sum();
-    assert_eq!(wrong, 0);
+        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    println!("{name}: {tried} rays through {} seams, {leaks} leaks", seams.len());
+    assert!(tried > 0 && leaks == 0, "{name}: {leaks} of {tried} rays leak");
 }
 
-/// An ASCII PLY of triangles, by the system's gzip.
-fn read_ply(path: &Path) -> Option<Mesh> {
-    if !path.exists() {
-        return None;
+#[test]
+fn case_19_scanned_mesh() {
+    for name in ["dragon_vrip_res4.ply.gz", "dragon_vrip.ply.gz"] {
+        match read_ply(&scans().join(name)) {
+            Some(mesh) => crosses_every_seam(name, &mesh),
+            None => println!("skipped: no {name} in {:?}", scans()),
+        }
     }
-    let mut text = String::new();
-    let mut child =
-        std::process::Command::new("gzip").arg("-dc").arg(path).stdout(std::process::Stdio::piped()).spawn().ok()?;
-    child.stdout.take()?.read_to_string(&mut text).ok()?;
-    child.wait().ok()?;
-    let (head, body) = text.split_once("end_header\n")?;
-    let count = |what: &str| head.lines().find_map(|l| l.strip_prefix(what)?.trim().parse::<usize>().ok());
-    let (vertices, faces) = (count("element vertex")?, count("element face")?);
-    let mut lines = body.lines();
-    let vertices = lines
-        .by_ref()
-        .take(vertices)
-        .map(|l| {
-            let mut n = l.split_whitespace().map(str::parse::<f64>);
-            let mut next = || n.next()?.ok();
-            Some(dvec3(next()?, next()?, next()?))
-        })
-        .collect::<Option<Vec<_>>>()?;
-    let faces = lines
-        .take(faces)
-        .map(|l| {
-            let mut n = l.split_whitespace().skip(1).map(str::parse::<usize>);
-            let mut next = || n.next()?.ok();
-            Some([next()?, next()?, next()?])
-        })
-        .collect::<Option<Vec<_>>>()?;
-    Some(Mesh { vertices, faces })
+}
+
+#[test]
+fn case_19_seams() {
+    crosses_every_seam("knot", &knot(60, 12));
 }

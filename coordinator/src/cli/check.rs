@@ -1,8 +1,12 @@
 //! `coordinator check`: what is wrong with a scene, and what is in it.
 
+use std::sync::Arc;
+
 use serde::Serialize;
+use tessera_core::trace::PreparedScene;
 
 use super::args::Check;
+use super::condition::ConditionJson;
 use super::console::Console;
 use super::describe::Description;
 use super::exit::{Exit, Failure};
@@ -16,6 +20,7 @@ struct Checked<'a> {
     warnings: usize,
     diagnostics: Vec<DiagnosticJson<'a>>,
     scene: Option<Description>,
+    condition: Option<ConditionJson>,
 }
 
 /// Checks and describes the scene.
@@ -30,7 +35,9 @@ pub(crate) fn run(raw: &Check, console: &Console) -> Result<Exit, Failure> {
             1 => "valid, with 1 warning".to_owned(),
             n => format!("valid, with {n} warnings"),
         };
-        console.out(&format!("{file}: {verdict}\n{}", Description::new(&file, &scene).to_text()));
+        let described = Description::new(&file, &scene).to_text();
+        let condition = ConditionJson::from(PreparedScene::build(scene).condition());
+        console.out(&format!("{file}: {verdict}\n{described}{}", condition.to_text()));
         return Ok(Exit::Done);
     }
     let (errors, warnings) = read.counts();
@@ -41,6 +48,7 @@ pub(crate) fn run(raw: &Check, console: &Console) -> Result<Exit, Failure> {
         warnings,
         diagnostics: read.diagnostics.iter().map(DiagnosticJson::from).collect(),
         scene: read.scene.as_ref().map(|scene| Description::new(&file, scene)),
+        condition: read.scene.as_ref().map(|scene| PreparedScene::build(Arc::new(scene.clone())).condition().into()),
     };
     let text = serde_json::to_string_pretty(&checked).map_err(|e| Failure::new(Exit::Failed, e))?;
     console.out(&(text + "\n"));

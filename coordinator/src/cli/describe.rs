@@ -71,7 +71,6 @@ impl Description {
         let count = |of: &[bool]| ids().filter(|&SurfaceId(i)| of[i as usize]).count() as u64;
         let (mirrors, pictured, matte) = (count(&is_mirror), count(&is_pictured), count(&is_matte));
         let lights = scene.lights().len() as u64;
-        let finite = (scene.spheres().len() + scene.triangles().len()) as u64;
         let needs = vec![
             Need {
                 what: "reflected rays",
@@ -91,11 +90,6 @@ impl Description {
                 what: "picture coordinates",
                 needed: pictured > 0,
                 why: if pictured > 0 { of(pictured, "pictured object") } else { "nothing is pictured".into() },
-            },
-            Need {
-                what: "bounding volume hierarchy",
-                needed: finite > 8,
-                why: format!("{} and {}", of(finite, "bounded object"), of(scene.planes().len() as u64, "plane")),
             },
         ];
         let camera = scene.camera();
@@ -198,7 +192,7 @@ fn vector(v: [f64; 3]) -> String {
 }
 
 /// Six significant digits, as short as may be.
-fn number(x: f64) -> String {
+pub(crate) fn number(x: f64) -> String {
     let rounded: f64 = format!("{x:.5e}").parse().unwrap_or(x);
     if rounded != 0.0 && !(1e-4..1e7).contains(&rounded.abs()) { format!("{rounded:e}") } else { format!("{rounded}") }
 }
@@ -217,7 +211,7 @@ fn grouped(n: u64) -> String {
 }
 
 /// "1 sphere", "2 spheres".
-fn of(n: u64, what: &str) -> String {
+pub(crate) fn of(n: u64, what: &str) -> String {
     format!("{} {what}{}", grouped(n), if n == 1 { "" } else { "s" })
 }
 

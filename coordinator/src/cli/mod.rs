@@ -3,6 +3,7 @@
 mod args;
 mod check;
 mod compare;
+mod condition;
 mod console;
 mod describe;
 mod exit;

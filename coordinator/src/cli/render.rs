@@ -201,7 +201,9 @@ fn failure(error: &RenderError) -> Failure {
         RenderError::NoWorkers { .. } => Exit::NoWorkers,
         RenderError::Prepare(_) | RenderError::Region(_) => Exit::Usage,
         RenderError::Cancelled => return Failure::new(Exit::Interrupted, "interrupted"),
-        RenderError::Listen { .. } | RenderError::Tile { .. } | RenderError::Internal(_) => Exit::Failed,
+        RenderError::Listen { .. } | RenderError::Tile { .. } | RenderError::Memory(_) | RenderError::Internal(_) => {
+            Exit::Failed
+        }
     };
     let remedy = match error {
         RenderError::NoWorkers { ever: false, .. } => {

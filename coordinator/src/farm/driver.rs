@@ -1,7 +1,7 @@
 //! The one task that owns the scheduler: it hears workers, reads the clock, and does
 //! what the scheduler asks for.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
@@ -105,10 +105,10 @@ impl Driver {
             Heard::Joined(joined) => self.admit(joined).await,
             Heard::Left { worker, cause } => {
                 if self.seats.contains_key(&worker) {
-                    self.unseat(worker, &cause);
-                    return self.tell(Event::Left { worker, cause }, None).await;
+                    self.left(worker, cause).await
+                } else {
+                    None
                 }
-                None
             }
             // Words that were on their way when the session ended.
             Heard::Said { worker, .. } if !self.seats.contains_key(&worker) => None,
@@ -121,14 +121,17 @@ impl Driver {
                     tracing::warn!("{} failed at a tile: {cause}", self.name(worker));
                     self.tell(Event::Failed { worker, lease, attempt, cause }, None).await
                 }
-                Said::Unable(cause) => {
-                    self.unseat(worker, &cause);
-                    self.tell(Event::Left { worker, cause }, None).await
-                }
+                Said::Unable(cause) => self.left(worker, cause).await,
                 Said::Nonsense(rule) => self.tell(Event::Broke { worker, rule }, None).await,
                 Said::Done(done) => self.delivered(worker, done).await,
             },
         }
+    }
+
+    async fn left(&mut self, worker: WorkerKey, cause: String) -> Option<Result<(), RenderError>> {
+        let end = self.tell(Event::Left { worker, cause: cause.clone() }, None).await;
+        self.unseat(worker, &cause);
+        end
     }
 
     async fn delivered(&mut self, worker: WorkerKey, done: TileDone) -> Option<Result<(), RenderError>> {
@@ -144,12 +147,20 @@ impl Driver {
     /// Tells the scheduler, and does what it asks for. `done` is the tile at hand.
     async fn tell(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
         let mut effects = Vec::new();
+        let teller = event.worker();
         self.scheduler.handle(event, self.start.elapsed(), &mut effects);
         let mut end = None;
+        let mut touched: BTreeSet<WorkerKey> = teller.into_iter().collect();
         for effect in effects {
             match effect {
-                Effect::Grant { worker, lease } => self.say(worker, Kind::Lease(lease.into())),
-                Effect::Revoke { worker, lease } => self.say(worker, Kind::Revoke(Revoke { lease: lease.0 })),
+                Effect::Grant { worker, lease } => {
+                    touched.insert(worker);
+                    self.say(worker, Kind::Lease(lease.into()));
+                }
+                Effect::Revoke { worker, lease } => {
+                    touched.insert(worker);
+                    self.say(worker, Kind::Revoke(Revoke { lease: lease.0 }));
+                }
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
                     self.count(worker, region, done);
@@ -174,6 +185,10 @@ impl Driver {
                     });
                 }
             }
+        }
+        for worker in touched {
+            let holds = self.scheduler.holds(worker);
+            self.figures(worker, |w| w.holds = holds);
         }
         end
     }
@@ -207,8 +222,7 @@ impl Driver {
         self.seats.insert(worker, Seat { session, mouth, cut, instance, place });
         self.say(worker, Kind::Welcome(welcome));
         if reply.send(Ok((worker, session))).is_err() {
-            self.unseat(worker, "it left while registering");
-            return None;
+            return self.left(worker, "it left while registering".into()).await;
         }
         tracing::info!("{name} joined with {} threads", registration.threads);
         self.tell(Event::Joined { worker, threads: registration.threads, instance }, None).await
@@ -271,6 +285,7 @@ impl Driver {
         tracing::warn!("{} left: {cause}", self.name(worker));
         self.figures(worker, |w| {
             w.connected = false;
+            w.holds = 0;
             w.left = Some(cause.into());
         });
         self.last_cause = Some(format!("{}: {cause}", self.name(worker)));

@@ -129,7 +129,8 @@ impl Farm {
         let (tiles, stitcher) = stitch::start(job.region, job.pixels);
         let driver = Driver::new(scheduler, door, heard, tiles, progress.clone(), (start, job.timing));
         let (ended, end) = driver.run(&cancel).await;
-        let Stitched { image, done } = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
+        let stitched = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
+        let Stitched { image, done } = stitched.ok_or_else(|| RenderError::Memory(job.region.area()))?;
         drop((server, workers));
 
         let p = progress.borrow().clone();

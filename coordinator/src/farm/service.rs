@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use tessera_core::scene::Scene;
 use tessera_core::settings::Settings;
@@ -14,7 +15,7 @@ use tessera_proto::wire::worker_message::Kind;
 use tessera_proto::wire::{self, BeatReply, BeatRequest, CoordinatorMessage, ScenePiece, SceneRequest, WorkerMessage};
 use tessera_proto::{Attempt, LeaseId, PixelFormat, SceneHash, SessionId};
 use tokio::sync::{OnceCell, mpsc, oneshot};
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
 use tonic::{Request, Response, Status, Streaming};
@@ -23,6 +24,9 @@ use crate::scheduler::WorkerKey;
 
 /// Messages to one worker that wait to be sent; a worker that lets more pile up does not read.
 pub(super) const MOUTH: usize = 128;
+
+/// Heartbeats closer together than this count as one.
+const LEAST_BEAT: Duration = Duration::from_millis(20);
 
 /// Where the driver speaks to a worker.
 pub(super) type Mouth = mpsc::Sender<Result<CoordinatorMessage, Status>>;
@@ -89,11 +93,25 @@ pub(super) struct Door {
 pub(super) struct Visitor {
     pub(super) worker: WorkerKey,
     fetching: Arc<AtomicBool>,
+    last_beat: Arc<Mutex<Option<Instant>>>,
 }
 
 impl Visitor {
     pub(super) fn new(worker: WorkerKey) -> Self {
-        Self { worker, fetching: Arc::default() }
+        Self { worker, fetching: Arc::default(), last_beat: Arc::default() }
+    }
+}
+
+impl Visitor {
+    /// Whether a heartbeat is worth passing on: a flood of them is not.
+    fn beats(&self) -> bool {
+        let mut last = self.last_beat.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        let worth = last.is_none_or(|l| now - l >= LEAST_BEAT);
+        if worth {
+            *last = Some(now);
+        }
+        worth
     }
 }
 
@@ -130,24 +148,28 @@ impl Door {
         Ok(CoordinatorMessage { kind: Some(wire::coordinator_message::Kind::Job(job.into())) })
     }
 
-    /// Reads one worker until its stream ends or it is cut off.
+    /// Reads one worker until its stream ends, and gives why; a broken stream is told so too.
     async fn listen(
         &self,
         worker: WorkerKey,
         local: bool,
-        mouth: Mouth,
+        mouth: &Mouth,
         inbox: &mut Streaming<WorkerMessage>,
     ) -> String {
+        let told = |status: Status| {
+            let cause = says(&status);
+            let _ = mouth.try_send(Err(status));
+            cause
+        };
         match self.job(local).await {
             Ok(job) => drop(mouth.send(Ok(job)).await),
-            Err(status) => return status.message().into(),
+            Err(status) => return told(status),
         }
-        drop(mouth);
         loop {
             let said = match inbox.message().await {
                 Ok(Some(message)) => self.understand(message),
                 Ok(None) => return "it ended the session".into(),
-                Err(status) => return format!("the connection broke: {}", says(&status)),
+                Err(status) => return format!("the connection broke: {}", told(status)),
             };
             if self.heard.send(Heard::Said { worker, said }).await.is_err() {
                 return "the render is over".into();
@@ -230,7 +252,7 @@ impl farm_server::Farm for Service {
         let door = self.0.clone();
         tokio::spawn(async move {
             let cause = tokio::select! {
-                cause = door.listen(worker, local, mouth, &mut inbox) => cause,
+                cause = door.listen(worker, local, &mouth, &mut inbox) => cause,
                 () = cut.cancelled() => "it was cut off".into(),
             };
             door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&session);
@@ -240,7 +262,11 @@ impl farm_server::Farm for Service {
     }
 
     async fn beat(&self, request: Request<BeatRequest>) -> Result<Response<BeatReply>, Status> {
-        let worker = self.0.visitor(request.get_ref().session)?.worker;
+        let visitor = self.0.visitor(request.get_ref().session)?;
+        if !visitor.beats() {
+            return Ok(Response::new(BeatReply {}));
+        }
+        let worker = visitor.worker;
         self.0.heard.send(Heard::Said { worker, said: Said::Beat }).await.map_err(|_| over())?;
         Ok(Response::new(BeatReply {}))
     }

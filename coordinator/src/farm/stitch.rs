@@ -16,11 +16,15 @@ pub(super) struct Stitched {
     pub(super) done: Vec<Region>,
 }
 
-/// Starts a stitcher of `whole`. It ends, and gives the picture, when the sender is dropped.
-pub(super) fn start(whole: Region, format: PixelFormat) -> (mpsc::Sender<(Region, Bytes)>, JoinHandle<Stitched>) {
+/// Starts a stitcher of `whole`. It ends, and gives the picture, when the sender is dropped, or
+/// `None` at once where there is no memory for it.
+pub(super) fn start(
+    whole: Region,
+    format: PixelFormat,
+) -> (mpsc::Sender<(Region, Bytes)>, JoinHandle<Option<Stitched>>) {
     let (sender, mut tiles) = mpsc::channel::<(Region, Bytes)>(WAITING);
     let stitcher = tokio::task::spawn_blocking(move || {
-        let mut image = Pixels::black(format, whole.area() as usize);
+        let mut image = Pixels::black(format, usize::try_from(whole.area()).ok()?)?;
         let mut done = Vec::new();
         while let Some((region, bytes)) = tiles.blocking_recv() {
             let row_bytes = region.width() as usize * format.bytes_per_pixel();
@@ -30,7 +34,7 @@ pub(super) fn start(whole: Region, format: PixelFormat) -> (mpsc::Sender<(Region
             }
             done.push(region);
         }
-        Stitched { image, done }
+        Some(Stitched { image, done })
     });
     (sender, stitcher)
 }

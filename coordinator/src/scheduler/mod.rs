@@ -126,6 +126,24 @@ pub(crate) enum Event {
     Tick,
 }
 
+impl Event {
+    /// Whom it is about.
+    pub(crate) fn worker(&self) -> Option<WorkerKey> {
+        match *self {
+            Self::Joined { worker, .. }
+            | Self::Ready { worker }
+            | Self::Heard { worker }
+            | Self::Done { worker, .. }
+            | Self::Failed { worker, .. }
+            | Self::Returned { worker, .. }
+            | Self::Draining { worker }
+            | Self::Broke { worker, .. }
+            | Self::Left { worker, .. } => Some(worker),
+            Self::Tick => None,
+        }
+    }
+}
+
 /// What is to be done.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Effect {
@@ -263,6 +281,11 @@ impl Scheduler {
         self.tiles.get(&open.tile).map(|t| t.region)
     }
 
+    /// How many leases `worker` holds.
+    pub(crate) fn holds(&self, worker: WorkerKey) -> usize {
+        self.workers.get(&worker).map_or(0, |w| w.leases.len())
+    }
+
     /// How many tiles there will be in all, as far as can be said.
     pub(crate) fn tiles_estimate(&self) -> u64 {
         let typical = if self.tiles_done == 0 { 0 } else { self.pixels_done / self.tiles_done };
@@ -307,8 +330,12 @@ impl Scheduler {
             }
             Event::Draining { worker } => {
                 self.heard(worker);
-                if let Some(w) = self.workers.get_mut(&worker) {
-                    w.phase = Phase::Draining;
+                match self.workers.get_mut(&worker) {
+                    Some(w) if w.phase == Phase::Draining => {
+                        self.cut_off(worker, CutOff::Broke("it was leaving before".into()), effects);
+                    }
+                    Some(w) => w.phase = Phase::Draining,
+                    None => {}
                 }
             }
             Event::Broke { worker, rule } => self.cut_off(worker, CutOff::Broke(rule), effects),
@@ -454,8 +481,8 @@ impl Scheduler {
             CutOff::Broke(_) => None,
             CutOff::Silent(_) | CutOff::Unready(_) => Some("the worker fell silent"),
         };
-        effects.push(Effect::CutOff { worker, why });
         self.gone(worker, cause, effects);
+        effects.push(Effect::CutOff { worker, why });
     }
 
     /// Frees what a worker held; with a `cause`, the tiles it was rendering count as failed.

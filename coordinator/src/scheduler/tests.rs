@@ -239,7 +239,9 @@ proptest! {
             }
             let who = |n: usize| farm.held.keys().copied().nth(n % farm.held.len().max(1));
             match step {
-                Step::Join(threads) => drop(farm.join(threads)),
+                Step::Join(threads) => {
+                    farm.join(threads);
+                }
                 Step::JoinUnready => {
                     let worker = WorkerKey(farm.next);
                     farm.next += 1;
@@ -272,7 +274,9 @@ proptest! {
                 }
                 Step::Drain(n) => {
                     if let Some(worker) = who(n) {
+                        let again = farm.scheduler.workers[&worker].phase == Phase::Draining;
                         farm.tell(Event::Draining { worker });
+                        prop_assert!(!(again && farm.held.contains_key(&worker)), "saying it twice is an offence");
                     }
                 }
                 Step::Forge(n, lease, attempt) => {
@@ -356,7 +360,9 @@ fn a_large_picture_is_as_few_tiles_as_time_allows() {
 #[test]
 fn three_reports_of_failure_end_the_render_with_the_last_cause() {
     let mut farm = Farm::new(config(8, 8, TileSize::Edge(8)));
-    (0..3).for_each(|_| drop(farm.join(1)));
+    for _ in 0..3 {
+        farm.join(1);
+    }
     for _ in 0..3 {
         assert_eq!(farm.end, None);
         let (worker, lease) = *farm.grants.last().unwrap();

@@ -412,7 +412,6 @@ mod tests {
                 prop_assert!(close(q, fp.clone() / &fd));
             }
             if fp > F::ZERO {
-                use dashu_float::ops::SquareRoot;
                 prop_assert!(close(p.sqrt(), fp.sqrt()));
             }
             let (u, fu) = (bc * bc - ba * bb, &fc * &fc - &fa * &fb);

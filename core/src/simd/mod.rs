@@ -8,8 +8,9 @@
 #![expect(unsafe_code, reason = "vector instructions are behind unsafe; nothing else is in this folder")]
 
 #[cfg(target_arch = "x86_64")]
+mod arrays;
+#[cfg(target_arch = "x86_64")]
 mod avx512;
-mod portable;
 
 use std::ops::{Add, Mul, Neg, Sub};
 use std::sync::OnceLock;
@@ -72,8 +73,8 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
 /// Which instructions are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// Whatever the compiler's baseline offers, on any architecture.
-    Portable,
+    /// One ray at a time, in f64: on any architecture.
+    Scalar,
     /// AVX2 and FMA.
     Avx2,
     /// AVX-512 F, BW, DQ and VL.
@@ -85,13 +86,13 @@ impl Level {
     #[must_use]
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();
-        *BEST.get_or_init(|| Self::all().into_iter().next_back().unwrap_or(Self::Portable))
+        *BEST.get_or_init(|| Self::all().into_iter().next_back().unwrap_or(Self::Scalar))
     }
 
     /// All that this machine offers, the plainest first.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all = vec![Self::Portable];
+        let mut all = vec![Self::Scalar];
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
@@ -109,10 +110,13 @@ impl Level {
     }
 }
 
-/// Work to be compiled for every level; `run` must be `#[inline(always)]`.
+/// Work that can be done at every level.
 pub(crate) trait Kernel {
     type Output;
+    /// With vectors; must be `#[inline(always)]`, to be compiled for the level's instructions.
     fn run<S: Simd>(self) -> Self::Output;
+    /// Without.
+    fn run_scalar(self) -> Self::Output;
 }
 
 /// Runs `kernel` with the instructions of `level`, which must be one of [`Level::all`].
@@ -122,7 +126,7 @@ pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
         Level::Avx2 => {
             #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
             fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
-                kernel.run::<portable::Portable>()
+                kernel.run::<arrays::Arrays>()
             }
             // SAFETY: `Level` values come from `Level::all`, which asked the processor.
             unsafe { with_avx2(kernel) }
@@ -136,6 +140,6 @@ pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
             // SAFETY: as above.
             unsafe { with_avx512(kernel) }
         }
-        _ => kernel.run::<portable::Portable>(),
+        _ => kernel.run_scalar(),
     }
 }

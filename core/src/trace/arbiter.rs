@@ -50,6 +50,7 @@ pub(crate) struct ExactRay<const N: usize> {
 }
 
 /// A point of a surface, of real arithmetic.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct ExactHit<const N: usize> {
     pub(crate) p: Vector<N>,
     /// Outward or upward normal, of length `length`, not turned to the ray.

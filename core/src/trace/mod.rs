@@ -2,6 +2,8 @@
 
 pub(crate) mod arbiter;
 mod camera;
+mod condition;
+mod court;
 mod filter;
 mod packet;
 mod path;
@@ -13,14 +15,17 @@ mod wave;
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 pub use camera::PlanePoint;
+pub use condition::Condition;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::{Region, Tile};
-use crate::scene::Pigment;
+use crate::geometry::ObjectId;
+use crate::geometry::local::kind;
+use crate::scene::{PictureId, Pigment};
 use crate::settings::{Sampling, Settings, Transfer};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
@@ -196,6 +201,18 @@ impl Tracer {
         let mut out = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
         self.trace(points, &mut out, &mut scratch, &mut counts);
         (out, counts)
+    }
+
+    /// What `id` does with light.
+    fn material(&self, id: ObjectId) -> &Material {
+        &self.materials[self.prepared.surface_of(id).0 as usize]
+    }
+
+    /// The colour at (u, v) of a picture that lies on `id`.
+    fn picture_color(&self, picture: PictureId, uv: DVec2, id: ObjectId) -> DVec3 {
+        let scene = &self.prepared.scene;
+        let at = picture.0 as usize;
+        self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
     fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {

@@ -2,15 +2,16 @@
 
 use glam::DVec3;
 
-use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST};
+use super::arbiter::{self, Decision};
 use super::camera::PlanePoint;
+use super::court::Court;
 use super::query::{Closest, Occluded, Scratch};
 use super::shade::{self, Place};
 use super::texture;
 use super::{RayCounts, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
-use crate::scene::{Pigment, Scene};
+use crate::scene::Pigment;
 
 /// A hash step (the finaliser of SplitMix64).
 pub(crate) fn mix(hash: u64, word: u64) -> u64 {
@@ -26,94 +27,6 @@ pub(crate) struct PathScratch {
     pub(crate) query: Scratch,
     trail: Vec<Decision>,
     cosines: Vec<f64>,
-}
-
-/// The path in wide arithmetic, followed only as far as it was asked about.
-struct ExactPath<'a, const N: usize> {
-    tracer: &'a Tracer,
-    point: PlanePoint,
-    /// Decisions followed, and the ray after them.
-    at: Option<(usize, ExactRay<N>)>,
-}
-
-impl<'a, const N: usize> ExactPath<'a, N> {
-    fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
-        Self { tracer, point, at: None }
-    }
-
-    /// The ray after all decisions of `trail`.
-    fn ray(&mut self, trail: &[Decision]) -> ExactRay<N> {
-        let (mut done, mut ray) = self.at.unwrap_or_else(|| (0, self.tracer.frame.exact_ray(self.point)));
-        let scene = &self.tracer.prepared.scene;
-        for &decision in &trail[done..] {
-            ray = arbiter::hit(scene, &ray, decision).reflect(&ray.d);
-            done += 1;
-        }
-        self.at = Some((done, ray));
-        ray
-    }
-
-    /// The point met by the ray after all decisions of `trail`.
-    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit<N> {
-        arbiter::hit(&self.tracer.prepared.scene, &self.ray(trail), decision)
-    }
-}
-
-/// Mirrors that a path in the first width may have behind it: each can cost it several bits.
-const SHORT: usize = 8;
-
-/// The path at both widths.
-struct Court<'a> {
-    first: ExactPath<'a, FIRST>,
-    last: ExactPath<'a, LAST>,
-}
-
-impl<'a> Court<'a> {
-    fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
-        Self { first: ExactPath::new(tracer, point), last: ExactPath::new(tracer, point) }
-    }
-
-    fn closest(&mut self, scene: &Scene, trail: &[Decision], candidates: &Scratch) -> Option<Decision> {
-        if trail.len() <= SHORT
-            && let Ok(found) = arbiter::closest(scene, &self.first.ray(trail), candidates.candidates())
-        {
-            return found.map(|(d, _)| d);
-        }
-        let ray = self.last.ray(trail);
-        arbiter::closest(scene, &ray, candidates.candidates()).ok().flatten().map(|(d, _)| d)
-    }
-
-    fn occluded(
-        &mut self,
-        scene: &Scene,
-        trail: &[Decision],
-        decision: Decision,
-        light: DVec3,
-        candidates: &Scratch,
-    ) -> bool {
-        if trail.len() <= SHORT {
-            let segment = self.first.hit(trail, decision).towards(light);
-            if let Ok(occluded) = arbiter::occluded(scene, &segment, candidates.candidates()) {
-                return occluded;
-            }
-        }
-        let segment = self.last.hit(trail, decision).towards(light);
-        arbiter::occluded(scene, &segment, candidates.candidates()).unwrap_or(false)
-    }
-
-    /// The point met, and the ray that met it.
-    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit<LAST> {
-        if trail.len() <= SHORT { self.first.hit(trail, decision).resize() } else { self.last.hit(trail, decision) }
-    }
-
-    /// The direction mirrored at `hit`, met after `trail`.
-    fn mirrored(&mut self, trail: &[Decision], hit: &ExactHit<LAST>) -> DVec3 {
-        if trail.len() <= SHORT {
-            hit.resize::<FIRST>().reflect(&self.first.ray(trail).d).d.to_f64()
-        } else {
-            hit.reflect(&self.last.ray(trail).d).d.to_f64()
-        }
-    }
 }
 
 impl Tracer {
@@ -135,14 +48,14 @@ impl Tracer {
                 Closest::Sure(decision) => Some(decision),
                 Closest::Doubt => {
                     counts.refined += 1;
-                    exact.closest(scene, trail, query)
+                    exact.closest(scene, trail, &query.candidates().collect::<Vec<_>>())
                 }
             };
             let Some(decision) = decision else {
                 return Sample { radiance: sum + self.background * throughput, signature: mix(signature, u64::MAX) };
             };
             signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
-            let material = &self.materials[self.prepared.surface_of(decision.id).0 as usize];
+            let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
             let mut wide = self.too_wide(&place, throughput).then(|| exact.hit(trail, decision));
             let mut color = material.albedo;
@@ -155,8 +68,7 @@ impl Tracer {
                     let hit = wide.get_or_insert_with(|| exact.hit(trail, decision));
                     uv = texture::exact_coordinates(scene, &self.mappings, hit);
                 }
-                let wrap = texture::wraps(kind(scene, decision.id));
-                color *= self.texels[picture.0 as usize].sample(picture_data, uv, wrap);
+                color *= self.picture_color(picture, uv, decision.id);
             }
             if let Some(hit) = &wide {
                 counts.refined += 1;
@@ -167,7 +79,7 @@ impl Tracer {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
                     let light = V3::splat(light);
-                    let incidence = shade::incidence(&place, light, throughput);
+                    let incidence = shade::incidence(&place, light);
                     let cosine = match &wide {
                         Some(hit) => hit.cosine(scene.lights()[k]),
                         None => incidence.cosine,
@@ -182,7 +94,8 @@ impl Tracer {
                         Occluded::Yes => true,
                         Occluded::Doubt => {
                             counts.refined += 1;
-                            exact.occluded(scene, trail, decision, scene.lights()[k], query)
+                            let candidates: Vec<_> = query.candidates().collect();
+                            exact.occluded(scene, trail, decision, scene.lights()[k], &candidates)
                         }
                     };
                     if !blocked {
@@ -227,7 +140,8 @@ impl Tracer {
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
     fn too_wide(&self, place: &Place, throughput: f64) -> bool {
-        let excess = |&l: &DVec3| shade::incidence(place, V3::splat(l), throughput).excess;
-        !(place.en <= shade::NORMAL) || self.prepared.local.lights.iter().any(|l| !(excess(l) <= 0.0))
+        let lights = &self.prepared.local.lights;
+        let nearest = lights.iter().fold(f64::INFINITY, |d, &l| shade::nearer(d, place, V3::splat(l)));
+        !(shade::excess(place, nearest, throughput) <= 0.0)
     }
 }

@@ -12,7 +12,7 @@ use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
 use crate::geometry::local::surface_and_order;
 use crate::geometry::{Aabb, Local, Ray, U, V3};
 use crate::precise::Vector;
-use crate::precise::predicates::{Exact, cross_is_zero};
+use crate::precise::zero_area;
 use crate::scene::{Scene, Triangle};
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -23,6 +23,10 @@ pub struct PreparedScene {
     pub(crate) boxes: Boxes,
     /// The scene for packets of f32 rays, where its numbers allow that.
     pub(crate) filter: Option<Filter>,
+    /// Share of objects whose boxes f32 would enlarge noticeably.
+    pub(crate) outgrown: f64,
+    /// Triangles of exactly no area.
+    pub(crate) flat: usize,
 }
 
 /// What a ray meets first.
@@ -34,25 +38,6 @@ pub struct RayHit {
     pub t: f64,
 }
 
-/// Whether a triangle has exactly no area.
-fn is_degenerate(t: &Triangle) -> bool {
-    let [a, b, c] = t.written;
-    // Plainly not parallel sides need no wide numbers.
-    let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
-    let n = e1.cross(e2).length_squared();
-    let size = e1.length_squared() * e2.length_squared();
-    if n > 1e-20 * size
-        && n.is_finite()
-        && size > 1e-200
-        && e1.length_squared() > 1e-20 * a.length_squared().max(b.length_squared())
-    {
-        return false;
-    }
-    let exact = |v: DVec3| Exact::new(v);
-    let (e1, e2) = if t.by_sides() { (exact(b), exact(c)) } else { (exact(b) - exact(a), exact(c) - exact(a)) };
-    cross_is_zero(&e1, &e2)
-}
-
 /// Share of objects whose boxes may grow noticeably before boxes are kept in f64.
 const BLOATED: f64 = 0.05;
 
@@ -61,19 +46,21 @@ impl PreparedScene {
     #[must_use]
     pub fn build(scene: Arc<Scene>) -> Self {
         let local = Local::new(&scene);
-        let boxes = Self::boxes(&scene, &local);
+        let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
         let filter = Filter::new(&scene, &local, &boxes);
-        Self { scene, local, boxes, filter }
+        Self { scene, local, boxes, filter, outgrown, flat }
     }
 
-    fn boxes(scene: &Scene, local: &Local) -> Boxes {
+    /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
+    fn boxes(scene: &Scene, local: &Local) -> (Boxes, f64, usize) {
         let first = scene.planes().len();
         let spheres = scene.spheres().len();
         let id = |i: usize| (first + i) as u32;
         let sphere = |i: usize| Some((Local::sphere_box(&local.spheres[i]), id(i), 1));
         let triangle = |i: usize| {
             let t = &scene.triangles()[i];
-            (!is_degenerate(t)).then(|| (Local::triangle_box(&local.triangle(t)), id(spheres + i), 0))
+            (!zero_area::is_zero(&t.written, t.by_sides()))
+                .then(|| (Local::triangle_box(&local.triangle(t)), id(spheres + i), 0))
         };
         let all: Vec<(Aabb, u32, u8)> = (0..spheres)
             .into_par_iter()
@@ -89,12 +76,14 @@ impl PreparedScene {
                     &scene.triangles()[(b - first_triangle) as usize],
                 )
         };
-        let bloated = all.par_iter().filter(|(b, ..)| grows(b)).count();
-        if bloated as f64 > BLOATED * all.len() as f64 {
+        let flat = spheres + scene.triangles().len() - all.len();
+        let outgrown = all.par_iter().filter(|(b, ..)| grows(b)).count() as f64 / all.len().max(1) as f64;
+        let boxes = if outgrown > BLOATED {
             Boxes::Double(hierarchy(&all, &hidden))
         } else {
             Boxes::Single(hierarchy(&all, &hidden))
-        }
+        };
+        (boxes, outgrown, flat)
     }
 
     /// The scene this was built from.

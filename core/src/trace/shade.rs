@@ -75,18 +75,30 @@ pub(crate) struct Incidence<R> {
     pub(crate) cosine: R,
     /// From the place to the light.
     pub(crate) l: V3<R>,
-    /// Above 0 where the place, or its normal, is too uncertain for the light's effect.
-    pub(crate) excess: R,
 }
 
-/// `throughput` is what the path has left of the light.
 #[inline(always)]
-pub(crate) fn incidence<R: Real>(place: &Place<R>, light: V3<R>, throughput: R) -> Incidence<R> {
+pub(crate) fn incidence<R: Real>(place: &Place<R>, light: V3<R>) -> Incidence<R> {
     let l = light - place.p;
-    let distance = l.dot(l).sqrt();
-    let cosine = place.n.dot(l) / distance;
-    let excess = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
-    Incidence { cosine, l, excess }
+    Incidence { cosine: place.n.dot(l) / l.dot(l).sqrt(), l }
+}
+
+/// The squared distance to `light`, or `least` where that is less.
+#[inline(always)]
+pub(crate) fn nearer<R: Real>(least: R, place: &Place<R>, light: V3<R>) -> R {
+    let l = light - place.p;
+    l.dot(l).min(least)
+}
+
+/// Above 0, or NaN, where the values at `place` may be too far from the real ones: the cosine
+/// towards a light is off by at most en + ep/distance, which matters as far as `throughput`, what
+/// the path has left of the light, lets it. `nearest` is the squared distance to the nearest light.
+#[inline(always)]
+pub(crate) fn excess<R: Real>(place: &Place<R>, nearest: R, throughput: R) -> R {
+    // Where there is no light, any distance will do.
+    let distance = nearest.min(R::splat(f64::MAX)).sqrt();
+    let effect = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
+    effect.max(place.en - R::splat(NORMAL))
 }
 
 /// The segment from `place` to `light` as a ray of length 1.

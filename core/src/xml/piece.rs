@@ -297,6 +297,13 @@ impl<'t> Reader<'t> {
             self.run.clear();
             return;
         }
+        if whole.len() > 2 * MAX_UNIT {
+            // Only text can be as long as that.
+            let start = super::source::head(self.text, whole.start + 1).len();
+            self.part.findings.push(too_large(start..start));
+            self.run.clear();
+            return;
+        }
         let children = std::mem::take(&mut self.run);
         if self.parse(whole, children.len() == 1) {
             self.run = children;

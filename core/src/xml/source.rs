@@ -42,12 +42,15 @@ pub(super) struct Lines<'t> {
     start: usize,
     line: u64,
     scanned: usize,
+    /// Characters of the current line before `counted`.
+    columns: usize,
+    counted: usize,
 }
 
 impl<'t> Lines<'t> {
     /// Lines of `text`, the first beginning at `start` (behind a byte order mark).
     pub(super) fn new(text: &'t str, start: usize) -> Self {
-        Self { text, start, line: 1, scanned: start }
+        Self { text, start, line: 1, scanned: start, columns: 0, counted: start }
     }
 
     fn advance(&mut self, at: usize) {
@@ -59,9 +62,15 @@ impl<'t> Lines<'t> {
             if bytes[end - 1] == b'\n' || bytes.get(end) != Some(&b'\n') {
                 self.line += 1;
                 self.start = end;
+                (self.columns, self.counted) = (0, end);
             }
         }
         self.scanned = at;
+        // On from the last place: a line may be as long as the document.
+        if self.counted < at {
+            self.columns += self.text[self.counted..at].chars().count();
+            self.counted = at;
+        }
     }
 
     /// The place of `at`; offsets must not fall between calls.
@@ -69,8 +78,9 @@ impl<'t> Lines<'t> {
         let text = self.text;
         let begin = floor(text, at.start.max(self.scanned));
         self.advance(begin);
-        let line_end = memchr::memchr2(b'\n', b'\r', &text.as_bytes()[begin..]).map_or(text.len(), |i| begin + i);
-        let column = text[self.start..begin].chars().count();
+        let seen = floor(text, begin.saturating_add(8 * SHOWN));
+        let line_end = memchr::memchr2(b'\n', b'\r', &text.as_bytes()[begin..seen]).map_or(seen, |i| begin + i);
+        let column = self.columns;
         let end = floor(text, at.end.clamp(begin, line_end));
         let width = text[begin..end].chars().take(SHOWN / 2).count().max(1);
         // A window of the line around the spot.

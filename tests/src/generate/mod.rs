@@ -3,10 +3,12 @@
 mod document;
 pub mod extreme;
 mod mesh;
+mod ply;
 mod random;
 mod scenes;
 
 pub use document::{Document, Item, Look, Paint, Placement};
 pub use mesh::{Mesh, icosphere, knot, torus};
+pub use ply::{read_ply, scans};
 pub use random::Random;
-pub use scenes::{demo, globe, knot_scene, lights, mirrors, sphereflake, terrain};
+pub use scenes::{demo, globe, knot_scene, lights, mesh_scene, mirrors, sphereflake, terrain};

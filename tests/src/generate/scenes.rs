@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DVec3, dvec3};
 use tessera_core::scene::{Orientation, Picture};
 
-use super::{Document, Item, Look, Random, knot};
+use super::{Document, Item, Look, Mesh, Random, knot};
 
 /// A graticule over blobs of land, `width` × `width`/2 pixels.
 #[must_use]
@@ -203,12 +203,19 @@ pub fn terrain(n: usize) -> Document {
 /// A knot of 2·n·m triangles standing on a mirroring floor: a closed, curved, self-shadowing mesh.
 #[must_use]
 pub fn knot_scene(n: usize, m: usize) -> Document {
-    let mesh = knot(n, m).map(|v| dvec3(v.x, v.y, v.z) * 0.62);
-    let low = mesh.vertices.iter().fold(f64::INFINITY, |a, v| a.min(v.y));
-    let mesh = mesh.map(|v| v - DVec3::Y * low);
-    let mut d = Document::new(dvec3(-1.5, 3.0, 6.0), dvec3(0.0, 1.4, 0.0)).with_background(0.2, 0.25, 0.35);
+    mesh_scene(knot(n, m))
+}
+
+/// A mesh, brought to a width of 4, standing on a mirroring floor.
+#[must_use]
+pub fn mesh_scene(mesh: Mesh) -> Document {
+    let low = mesh.vertices.iter().fold(DVec3::INFINITY, |a, v| a.min(*v));
+    let high = mesh.vertices.iter().fold(DVec3::NEG_INFINITY, |a, v| a.max(*v));
+    let foot = dvec3((low.x + high.x) / 2.0, low.y, (low.z + high.z) / 2.0);
+    let mesh = mesh.map(|v| (v - foot) * (4.0 / (high.x - low.x)));
+    let mut d = Document::new(dvec3(-1.5, 3.0, 6.0), dvec3(0.0, 1.3, 0.0)).with_background(0.2, 0.25, 0.35);
     d = d.plane(DVec3::Y, 0.0, Look::new(0.6, 0.6, 0.62, 0.7, 0.3));
-    d.items
-        .extend((0..mesh.faces.len()).map(|i| Item::Triangle(mesh.corners(i), Look::new(0.35, 0.75, 0.45, 0.8, 0.15))));
+    let look = Look::new(0.35, 0.75, 0.45, 0.8, 0.15);
+    d.items.extend((0..mesh.faces.len()).map(|i| Item::Triangle(mesh.corners(i), look)));
     d.light(-5.0, 8.0, 6.0).light(6.0, 6.0, 4.0)
 }

@@ -135,4 +135,10 @@ fn one_piece_that_never_ends() {
     assert!(read(&scene(&format!("<!-- {spheres} -->"))).is_ok());
     assert_eq!(first(scene(&format!("<!-- {spheres}\u{7} -->"))).0, Code::Syntax);
     assert_eq!(first(format!("<scene>{CAMERA}{spheres}</scene>")).0, Code::TooLarge);
+    assert_eq!(first(scene(&"x".repeat(40_000_000))), (Code::TooLarge, Some((3, 1))));
+    assert!(read(&scene(&"\n".repeat(40_000_000))).is_ok());
+    // A hundred errors in one long line: its columns are counted once.
+    let line = "<sphere radius='0'><location><vector x='0' y='0' z='0'/></location></sphere>".repeat(200_000);
+    let last = error(scene(&line)).diagnostics.pop().and_then(|d| d.position());
+    assert_eq!(last, Some((3, 99 * 76 + 17)));
 }

@@ -1,4 +1,4 @@
-//! Vectors as arrays: what the compiler makes of them on any target.
+//! Vectors as arrays, of which the compiler makes AVX2.
 
 use std::array::from_fn;
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -7,9 +7,9 @@ use super::{Double, LANES, Mask, Simd, Single};
 use crate::geometry::Real;
 
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Portable;
+pub(crate) struct Arrays;
 
-impl Simd for Portable {
+impl Simd for Arrays {
     type Single = S16;
     type Double = D8;
     #[inline(always)]

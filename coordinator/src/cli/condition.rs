@@ -1,0 +1,84 @@
+//! A scene's numerical condition, as `check` says it.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+use tessera_core::trace::Condition;
+
+use super::describe::{number, of};
+
+/// [`Condition`], as JSON has it.
+#[derive(Debug, Serialize)]
+pub(crate) struct ConditionJson {
+    reach: f64,
+    offset: f64,
+    smallest: Option<f64>,
+    largest: Option<f64>,
+    slivers: usize,
+    flat_triangles: usize,
+    coinciding_triangles: usize,
+    near_planes: usize,
+    boxes: &'static str,
+    outgrown: f64,
+    packets: bool,
+}
+
+impl From<Condition> for ConditionJson {
+    fn from(c: Condition) -> Self {
+        Self {
+            reach: c.reach,
+            offset: c.offset,
+            smallest: c.sizes.map(|s| s.0),
+            largest: c.sizes.map(|s| s.1),
+            slivers: c.slivers,
+            flat_triangles: c.flat,
+            coinciding_triangles: c.coinciding,
+            near_planes: c.near_planes,
+            boxes: if c.single_boxes { "f32" } else { "f64" },
+            outgrown: c.outgrown,
+            packets: c.packets,
+        }
+    }
+}
+
+impl ConditionJson {
+    /// The condition as people read it.
+    pub(crate) fn to_text(&self) -> String {
+        let mut text = String::new();
+        let mut line = |name: &str, value: String| {
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{name:<12}{value}");
+        };
+        if let (Some(smallest), Some(largest)) = (self.smallest, self.largest) {
+            line(
+                "scale",
+                format!(
+                    "objects from {} to {} across, within {} of the camera, which is {} from the origin",
+                    number(smallest),
+                    number(largest),
+                    number(self.reach),
+                    number(self.offset)
+                ),
+            );
+        }
+        let odd = [
+            (self.slivers, "triangle more than a million times longer than high", "kept, decided exactly"),
+            (self.flat_triangles, "triangle of exactly no area", "never met, left out"),
+            (self.coinciding_triangles, "triangle with the corners of an earlier one", "left out"),
+            (self.near_planes, "plane that is, or nearly is, an earlier one", "the first in the document is seen"),
+        ];
+        for (n, what, outcome) in odd {
+            if n > 0 {
+                line("numbers", format!("{}: {outcome}", of(n as u64, what)));
+            }
+        }
+        let share = number(100.0 * self.outgrown);
+        let why = match (self.boxes, self.packets) {
+            ("f32", true) => format!("f32 boxes enlarge {share} % of objects noticeably; packets of f32 rays go first"),
+            ("f32", false) => "a plane or light is too far for f32, so every ray is traced in f64".into(),
+            _ => format!("f32 boxes would enlarge {share} % of objects noticeably, so every ray is traced in f64"),
+        };
+        line("boxes", format!("{}: {why}", self.boxes));
+        text
+    }
+}

@@ -1,0 +1,127 @@
+//! What renders tiles where the tracer would be too quick, too slow or too sound.
+
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Condvar, Mutex};
+
+use tessera_core::film::{Region, Tile};
+use tessera_core::settings::Settings;
+use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
+use worker::{Exact, Studio, TileTracer};
+
+/// What [`Painted`] gives pixel (x, y).
+#[must_use]
+pub fn paint(x: u32, y: u32) -> [f32; 3] {
+    [x as f32, y as f32, 1.0]
+}
+
+/// Renders no scene but [`paint`], at once: a picture in which every pixel shows whether it is
+/// in its place and done.
+#[derive(Clone, Copy, Debug)]
+pub struct Painted;
+
+impl Studio for Painted {
+    fn open(&self, _: Arc<PreparedScene>, _: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
+        Ok(Arc::new(Self))
+    }
+}
+
+impl TileTracer for Painted {
+    fn render(&self, region: Region) -> (Tile, RayCounts) {
+        let row = |y| (region.x0..region.x1).map(move |x| paint(x, y));
+        (Tile { region, pixels: (region.y0..region.y1).flat_map(row).collect() }, RayCounts::default())
+    }
+}
+
+/// Fails at every tile that holds the pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Poisoned {
+    /// The pixel.
+    pub pixel: (u32, u32),
+    /// How it fails.
+    pub failure: Failure,
+}
+
+/// How a tracer fails.
+#[derive(Clone, Copy, Debug)]
+pub enum Failure {
+    /// By a panic.
+    Panic,
+    /// By giving what is no number.
+    NotANumber,
+}
+
+impl Studio for Poisoned {
+    fn open(&self, _: Arc<PreparedScene>, _: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
+        Ok(Arc::new(*self))
+    }
+}
+
+impl TileTracer for Poisoned {
+    fn render(&self, region: Region) -> (Tile, RayCounts) {
+        let (mut tile, rays) = Painted.render(region);
+        let (x, y) = self.pixel;
+        if region.contains(&Region { x0: x, y0: y, x1: x + 1, y1: y + 1 }) {
+            match self.failure {
+                Failure::Panic => panic!("poison at {x},{y}"),
+                Failure::NotANumber => tile.pixels[0][1] = f32::NAN,
+            }
+        }
+        (tile, rays)
+    }
+}
+
+/// Another studio behind a gate: a number of tiles pass, the others wait until it is opened.
+#[derive(Clone, Debug)]
+pub struct Gate {
+    behind: Arc<dyn Studio>,
+    state: Arc<GateState>,
+}
+
+#[derive(Debug)]
+struct GateState {
+    passes: AtomicI64,
+    open: Mutex<bool>,
+    opened: Condvar,
+}
+
+impl Gate {
+    /// Lets `passes` tiles of `behind` through.
+    #[must_use]
+    pub fn before(behind: impl Studio + 'static, passes: i64) -> Self {
+        let state = GateState { passes: passes.into(), open: Mutex::new(false), opened: Condvar::new() };
+        Self { behind: Arc::new(behind), state: Arc::new(state) }
+    }
+
+    /// Lets `passes` tiles of the tracer through.
+    #[must_use]
+    pub fn after(passes: i64) -> Self {
+        Self::before(Exact, passes)
+    }
+
+    /// Lets everything through from now on.
+    ///
+    /// # Panics
+    /// When a tile panicked at the gate.
+    pub fn open(&self) {
+        *self.state.open.lock().expect("nobody panics here") = true;
+        self.state.opened.notify_all();
+    }
+}
+
+struct Gated(Arc<dyn TileTracer>, Arc<GateState>);
+
+impl Studio for Gate {
+    fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
+        Ok(Arc::new(Gated(self.behind.open(scene, settings)?, self.state.clone())))
+    }
+}
+
+impl TileTracer for Gated {
+    fn render(&self, region: Region) -> (Tile, RayCounts) {
+        if self.1.passes.fetch_sub(1, Ordering::SeqCst) <= 0 {
+            let open = self.1.open.lock().expect("nobody panics here");
+            drop(self.1.opened.wait_while(open, |open| !*open).expect("nobody panics here"));
+        }
+        self.0.render(region)
+    }
+}
