@@ -27,7 +27,10 @@ pub fn program(name: &str) -> PathBuf {
         };
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
         let built = Command::new(cargo)
-            .args(["build", "--quiet", "--workspace", "--bins", "--profile", profile, "--manifest-path"])
+            // With a test among the targets, dependencies have the features that they have under
+            // `cargo test --workspace`, and are not built a second time.
+            .args(["build", "--quiet", "--workspace", "--bins", "--test", "cli_other"])
+            .args(["--profile", profile, "--manifest-path"])
             .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"))
             .arg("--target-dir")
             .arg(folder.parent().expect("a target folder"))

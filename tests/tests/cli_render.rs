@@ -128,9 +128,10 @@ fn progress_is_what_was_asked_for() {
     let quiet = demo(&at, "--size 64x48 --progress none");
     assert_eq!((quiet.code, quiet.out.as_str(), quiet.err.as_str()), (Some(0), "", ""));
     let lines = demo(&at, "--size 64x48 --progress json");
-    let mut events = lines.err.lines().filter(|l| l.starts_with('{')).map(json);
-    let last = events.next_back().expect("at least the last word");
+    let events: Vec<Value> = lines.err.lines().map(json).collect();
+    let [.., last, done] = &events[..] else { panic!("two lines at least: {}", lines.err) };
     assert_eq!((&last["event"], last["share"].as_f64()), (&"progress".into(), Some(1.0)));
+    assert_eq!((&done["event"], &done["output"]), (&"done".into(), &"demo.png".into()));
     // Nothing that only a terminal understands.
     for kind in ["auto", "plain", "bar", "json"] {
         let ended = demo(&at, &format!("--size 64x48 --progress {kind}"));

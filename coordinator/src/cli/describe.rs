@@ -75,7 +75,7 @@ impl Description {
             Need {
                 what: "reflected rays",
                 needed: mirrors > 0,
-                why: if mirrors > 0 { format!("{} mirror", of(mirrors, "object")) } else { "nothing mirrors".into() },
+                why: if mirrors > 0 { of(mirrors, "mirroring object") } else { "nothing mirrors".into() },
             },
             Need {
                 what: "shadow rays",
@@ -83,17 +83,13 @@ impl Description {
                 why: match (lights, matte) {
                     (0, _) => "there is no light".into(),
                     (_, 0) => "nothing scatters light".into(),
-                    _ => format!("{} light {}", of(lights, "light"), of(matte, "object")),
+                    _ => format!("{}, {}", of(lights, "light"), of(matte, "scattering object")),
                 },
             },
             Need {
                 what: "picture coordinates",
                 needed: pictured > 0,
-                why: if pictured > 0 {
-                    format!("{} pictured", are(pictured, "object"))
-                } else {
-                    "nothing is pictured".into()
-                },
+                why: if pictured > 0 { of(pictured, "pictured object") } else { "nothing is pictured".into() },
             },
         ];
         let camera = scene.camera();
@@ -217,11 +213,6 @@ fn grouped(n: u64) -> String {
 /// "1 sphere", "2 spheres".
 pub(crate) fn of(n: u64, what: &str) -> String {
     format!("{} {what}{}", grouped(n), if n == 1 { "" } else { "s" })
-}
-
-/// "1 object is", "2 objects are".
-fn are(n: u64, what: &str) -> String {
-    format!("{} {}", of(n, what), if n == 1 { "is" } else { "are" })
 }
 
 #[cfg(test)]

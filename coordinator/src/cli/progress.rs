@@ -1,6 +1,7 @@
 //! How far a render is, on stderr.
 
 use std::io::IsTerminal;
+use std::path::Path;
 use std::time::Duration;
 
 use coordinator::Progress;
@@ -153,6 +154,16 @@ fn json(p: &Progress) -> String {
         "workers": connected(p),
         "elapsed_seconds": p.elapsed.as_secs_f64(),
         "remaining_seconds": remaining(p).map(|d| d.as_secs_f64()),
+    })
+    .to_string()
+}
+
+/// The last line of a stream of JSON: the picture is whole.
+pub(crate) fn done_json(output: &Path, total: Duration) -> String {
+    serde_json::json!({
+        "event": "done",
+        "output": output.display().to_string(),
+        "elapsed_seconds": total.as_secs_f64(),
     })
     .to_string()
 }

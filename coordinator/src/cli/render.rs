@@ -90,8 +90,11 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     let summary = summary(&output, &rendered, began);
     match unfinished {
         None => {
-            if options.progress != ProgressArg::None {
-                console.say(&summary);
+            match options.progress {
+                ProgressArg::None => {}
+                // Whoever reads the lines of JSON reads them to the end.
+                ProgressArg::Json => console.say(&progress::done_json(output.path(), began.elapsed())),
+                _ => console.say(&summary),
             }
             Ok(Exit::Done)
         }
