@@ -14,7 +14,7 @@ pub use ids::{Attempt, InstanceId, LeaseId, Pass, SceneHash, SessionId};
 pub use pixels::{PixelFormat, Pixels};
 
 /// What is generated from `farm.proto`, documented there.
-#[allow(missing_docs, unreachable_pub, clippy::all, clippy::unwrap_used)]
+#[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated; farm.proto is its documentation")]
 pub mod wire {
     tonic::include_proto!("tessera.farm.v1");
 }

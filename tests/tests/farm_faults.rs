@@ -308,6 +308,19 @@ async fn two_workers_of_one_name_both_work() {
 }
 
 #[tokio::test]
+async fn a_worker_that_dials_again_takes_the_place_of_its_old_session() {
+    let mut running = painted().start().await;
+    let mut old = Fake::ready(running.addr, "lost its router").await;
+    old.lease().await;
+    let new = Fake::ready(running.addr, "lost its router").await;
+    running.until(|p| p.workers[0].connected && p.workers[0].lost == 2 && p.workers[0].holds == 2).await;
+    assert_eq!(running.progress.borrow().workers.len(), 1);
+    drop((old, new));
+    comes(&running, Painted);
+    is_painted(&running.end().await.unwrap());
+}
+
+#[tokio::test]
 async fn a_tile_that_fails_everywhere_ends_the_render_with_its_place_and_cause() {
     for (failure, words) in [(Failure::Panic, "poison at 20,40"), (Failure::NotANumber, "not finite")] {
         let cluster = painted().studio(Poisoned { pixel: (20, 40), failure }).workers(2, 1);

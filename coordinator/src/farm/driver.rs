@@ -16,7 +16,7 @@ use tokio::time::{Instant, sleep_until, timeout_at};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
-use super::service::{Door, Heard, Joined, Mouth, Said, Visitor};
+use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
@@ -200,6 +200,12 @@ impl Driver {
             let _ = reply.send(Err(Status::permission_denied(format!("cut off before: {rule}"))));
             return None;
         }
+        let before = self.seats.iter().find(|(_, seat)| seat.instance == instance).map(|(&worker, _)| worker);
+        if let Some(before) = before
+            && let Some(end) = self.left(before, "it dialled again".into()).await
+        {
+            return Some(end);
+        }
         let known = self.places.get(&instance).copied();
         if known.is_none() && self.places.len() >= WORKERS {
             let _ = reply.send(Err(Status::resource_exhausted("too many workers")));
@@ -282,7 +288,11 @@ impl Driver {
     }
 
     fn unseat(&mut self, worker: WorkerKey, cause: &str) {
-        tracing::warn!("{} left: {cause}", self.name(worker));
+        if cause == IN_PEACE {
+            tracing::info!("{} left", self.name(worker));
+        } else {
+            tracing::warn!("{} left: {cause}", self.name(worker));
+        }
         self.figures(worker, |w| {
             w.connected = false;
             w.holds = 0;

@@ -25,6 +25,9 @@ use crate::scheduler::WorkerKey;
 /// Messages to one worker that wait to be sent; a worker that lets more pile up does not read.
 pub(super) const MOUTH: usize = 128;
 
+/// How a worker leaves that ends its half of the stream.
+pub(super) const IN_PEACE: &str = "it ended the session";
+
 /// Heartbeats closer together than this count as one.
 const LEAST_BEAT: Duration = Duration::from_millis(20);
 
@@ -168,7 +171,7 @@ impl Door {
         loop {
             let said = match inbox.message().await {
                 Ok(Some(message)) => self.understand(message),
-                Ok(None) => return "it ended the session".into(),
+                Ok(None) => return IN_PEACE.into(),
                 Err(status) => return format!("the connection broke: {}", told(status)),
             };
             if self.heard.send(Heard::Said { worker, said }).await.is_err() {

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use proptest::prelude::*;
 
 use super::*;
+use crate::job::TileSize;
 
 fn config(w: u32, h: u32, tile: TileSize) -> Config {
     Config {
