@@ -230,20 +230,24 @@ pub(crate) fn occluded<const N: usize>(
 }
 
 /// The point where `ray` meets `decision`, known to be what it meets.
-pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: Decision) -> ExactHit<N> {
-    let flat = |t: Big<N>, n: Vector<N>| {
-        let turned = n.dot(&ray.d).signum() > 0;
-        ExactHit { p: ray.o + ray.d * t, normal: n, square: n.dot(&n), turned, decision }
+pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
+    let flat = |num: Big<N>, terms: Big<N>, n: Vector<N>| {
+        // A distance that vanishes beside its terms has lost its digits.
+        sign(&num, &terms)?;
+        let den = n.dot(&ray.d);
+        let p = ray.o + ray.d * num.div(den);
+        Ok(ExactHit { p, normal: n, square: n.dot(&n), turned: den.signum() > 0, decision })
     };
     match kind(scene, decision.id) {
         Kind::Plane(i) => {
             let (n, offset) = plane(scene, i);
-            flat((offset - n.dot(&ray.o)).div(n.dot(&ray.d)), n)
+            flat(offset - n.dot(&ray.o), offset.abs() + size(&n) * size(&ray.o), n)
         }
         Kind::Triangle(i) => {
             let (a, e1, e2) = triangle(scene, i);
             let n = e1.cross(&e2);
-            flat(n.dot(&(a - ray.o)).div(n.dot(&ray.d)), n)
+            let terms = size(&e1) * size(&e2) * (size(&a) + size(&ray.o));
+            flat(n.dot(&(a - ray.o)), terms, n)
         }
         Kind::Sphere(i) => {
             let s = &scene.spheres()[i];
@@ -253,11 +257,21 @@ pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: De
             } else {
                 let oc = ray.o - c;
                 let (a, b) = (ray.d.dot(&ray.d), oc.dot(&ray.d));
-                let root = (b * b - a * (oc.dot(&oc) - r * r)).sqrt();
-                (if decision.inside { root - b } else { -b - root }).div(a)
+                let (oc2, rr) = (oc.dot(&oc), r * r);
+                let cc = oc2 - rr;
+                sign(&cc, &(oc2 + rr))?;
+                let root = (b * b - a * cc).sqrt();
+                // Of the two forms of each root, the one that subtracts nothing.
+                match decision.inside {
+                    false => cc.div(root - b),
+                    true if b.signum() > 0 && !cc.is_zero() => -cc.div(root + b),
+                    true => (root - b).div(a),
+                }
             };
             let p = ray.o + ray.d * t;
-            ExactHit { p, normal: p - c, square: r * r, turned: decision.inside, decision }
+            // The normal is a difference of places: it must keep digits beside them.
+            sign(&r, &(size(&p) + size(&c)))?;
+            Ok(ExactHit { p, normal: p - c, square: r * r, turned: decision.inside, decision })
         }
     }
 }

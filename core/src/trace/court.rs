@@ -3,10 +3,9 @@
 use glam::DVec3;
 
 use super::Tracer;
-use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST};
+use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
 use crate::geometry::ObjectId;
-use crate::scene::Scene;
 
 /// The path in numbers of one width.
 struct ExactPath<'a, const N: usize> {
@@ -18,20 +17,37 @@ struct ExactPath<'a, const N: usize> {
 
 impl<const N: usize> ExactPath<'_, N> {
     /// The ray after all decisions of `trail`.
-    fn ray(&mut self, trail: &[Decision]) -> ExactRay<N> {
+    fn ray(&mut self, trail: &[Decision]) -> Result<ExactRay<N>, Unsure> {
         let (mut done, mut ray) = self.at.unwrap_or_else(|| (0, self.tracer.frame.exact_ray(self.point)));
         let scene = &self.tracer.prepared.scene;
         for &decision in &trail[done..] {
-            ray = arbiter::hit(scene, &ray, decision).reflect(&ray.d);
+            ray = arbiter::hit(scene, &ray, decision)?.reflect(&ray.d);
             done += 1;
         }
         self.at = Some((done, ray));
-        ray
+        Ok(ray)
     }
 
     /// The point met by the ray after all decisions of `trail`.
-    fn hit(&mut self, trail: &[Decision], decision: Decision) -> ExactHit<N> {
-        arbiter::hit(&self.tracer.prepared.scene, &self.ray(trail), decision)
+    fn hit(&mut self, trail: &[Decision], decision: Decision) -> Result<ExactHit<N>, Unsure> {
+        let ray = self.ray(trail)?;
+        arbiter::hit(&self.tracer.prepared.scene, &ray, decision)
+    }
+
+    fn closest(&mut self, trail: &[Decision], candidates: &[ObjectId]) -> Result<Option<Decision>, Unsure> {
+        let found = arbiter::closest(&self.tracer.prepared.scene, &self.ray(trail)?, candidates.iter().copied())?;
+        Ok(found.map(|(decision, _)| decision))
+    }
+
+    fn occluded(
+        &mut self,
+        trail: &[Decision],
+        met: Decision,
+        light: DVec3,
+        candidates: &[ObjectId],
+    ) -> Result<bool, Unsure> {
+        let segment = self.hit(trail, met)?.towards(light);
+        arbiter::occluded(&self.tracer.prepared.scene, &segment, candidates.iter().copied())
     }
 }
 
@@ -50,47 +66,41 @@ impl<'a> Court<'a> {
     }
 
     /// Which of `candidates` the path meets next.
-    pub(crate) fn closest(&mut self, scene: &Scene, trail: &[Decision], candidates: &[ObjectId]) -> Option<Decision> {
-        let candidates = candidates.iter().copied();
+    pub(crate) fn closest(&mut self, trail: &[Decision], candidates: &[ObjectId]) -> Option<Decision> {
         if trail.len() <= SHORT
-            && let Ok(found) = arbiter::closest(scene, &self.first.ray(trail), candidates.clone())
+            && let Ok(found) = self.first.closest(trail, candidates)
         {
-            return found.map(|(d, _)| d);
+            return found;
         }
-        arbiter::closest(scene, &self.last.ray(trail), candidates).ok().flatten().map(|(d, _)| d)
+        self.last.closest(trail, candidates).ok().flatten()
     }
 
     /// Whether one of `candidates` stands between the point met and `light`.
     pub(crate) fn occluded(
         &mut self,
-        scene: &Scene,
         trail: &[Decision],
         met: Decision,
         light: DVec3,
         candidates: &[ObjectId],
     ) -> bool {
-        let candidates = candidates.iter().copied();
-        if trail.len() <= SHORT {
-            let segment = self.first.hit(trail, met).towards(light);
-            if let Ok(occluded) = arbiter::occluded(scene, &segment, candidates.clone()) {
-                return occluded;
-            }
+        if trail.len() <= SHORT
+            && let Ok(occluded) = self.first.occluded(trail, met, light, candidates)
+        {
+            return occluded;
         }
-        let segment = self.last.hit(trail, met).towards(light);
-        arbiter::occluded(scene, &segment, candidates).unwrap_or(false)
+        self.last.occluded(trail, met, light, candidates).unwrap_or(false)
     }
 
-    /// The point met.
-    pub(crate) fn hit(&mut self, trail: &[Decision], met: Decision) -> ExactHit<LAST> {
-        if trail.len() <= SHORT { self.first.hit(trail, met).resize() } else { self.last.hit(trail, met) }
-    }
-
-    /// The direction mirrored at `hit`, met after `trail`.
-    pub(crate) fn mirrored(&mut self, trail: &[Decision], hit: &ExactHit<LAST>) -> DVec3 {
-        if trail.len() <= SHORT {
-            hit.resize::<FIRST>().reflect(&self.first.ray(trail).d).d.to_f64()
-        } else {
-            hit.reflect(&self.last.ray(trail).d).d.to_f64()
+    /// The point met and the direction mirrored there. The widest numbers are never unsure.
+    pub(crate) fn hit(&mut self, trail: &[Decision], met: Decision) -> Option<(ExactHit<LAST>, DVec3)> {
+        if trail.len() <= SHORT
+            && let Ok(hit) = self.first.hit(trail, met)
+            && let Ok(ray) = self.first.ray(trail)
+        {
+            return Some((hit.resize(), hit.reflect(&ray.d).d.to_f64()));
         }
+        let hit = self.last.hit(trail, met).ok()?;
+        let ray = self.last.ray(trail).ok()?;
+        Some((hit, hit.reflect(&ray.d).d.to_f64()))
     }
 }

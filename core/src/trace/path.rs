@@ -48,7 +48,7 @@ impl Tracer {
                 Closest::Sure(decision) => Some(decision),
                 Closest::Doubt => {
                     counts.refined += 1;
-                    exact.closest(scene, trail, &query.candidates().collect::<Vec<_>>())
+                    exact.closest(trail, &query.candidates().collect::<Vec<_>>())
                 }
             };
             let Some(decision) = decision else {
@@ -57,20 +57,22 @@ impl Tracer {
             signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
-            let mut wide = self.too_wide(&place, throughput).then(|| exact.hit(trail, decision));
+            let mut wide = if self.too_wide(&place, throughput) { exact.hit(trail, decision) } else { None };
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
                 let size = f64::from(picture_data.width().max(picture_data.height()));
                 let (mut uv, e) =
                     texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &place, &ray);
-                if wide.is_some() || !(e * size <= texture::TEXEL) {
-                    let hit = wide.get_or_insert_with(|| exact.hit(trail, decision));
+                if wide.is_none() && !(e * size <= texture::TEXEL) {
+                    wide = exact.hit(trail, decision);
+                }
+                if let Some((hit, _)) = &wide {
                     uv = texture::exact_coordinates(scene, &self.mappings, hit);
                 }
                 color *= self.picture_color(picture, uv, decision.id);
             }
-            if let Some(hit) = &wide {
+            if let Some((hit, _)) = &wide {
                 counts.refined += 1;
                 let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
                 place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
@@ -81,7 +83,7 @@ impl Tracer {
                     let light = V3::splat(light);
                     let incidence = shade::incidence(&place, light);
                     let cosine = match &wide {
-                        Some(hit) => hit.cosine(scene.lights()[k]),
+                        Some((hit, _)) => hit.cosine(scene.lights()[k]),
                         None => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
@@ -95,7 +97,7 @@ impl Tracer {
                         Occluded::Doubt => {
                             counts.refined += 1;
                             let candidates: Vec<_> = query.candidates().collect();
-                            exact.occluded(scene, trail, decision, scene.lights()[k], &candidates)
+                            exact.occluded(trail, decision, scene.lights()[k], &candidates)
                         }
                     };
                     if !blocked {
@@ -112,10 +114,7 @@ impl Tracer {
             }
             counts.mirror += 1;
             ray = match &wide {
-                Some(hit) => {
-                    let d = exact.mirrored(trail, hit);
-                    Ray::new(place.p, V3::splat(d), place.ep, 4.0 * U)
-                }
+                Some((_, d)) => Ray::new(place.p, V3::splat(*d), place.ep, 4.0 * U),
                 None => shade::reflect(&ray, &place),
             };
             trail.push(decision);

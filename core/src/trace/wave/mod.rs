@@ -414,7 +414,7 @@ impl Stage<'_> {
                 for lane in 0..8.min(n - at) {
                     let i = at + lane;
                     if places.exact[i] != 0 {
-                        cosines[lane] = paths.hits[places.exact[i] as usize - 1].cosine(scene.lights()[k]);
+                        cosines[lane] = paths.hits[places.exact[i] as usize - 1].0.cosine(scene.lights()[k]);
                         lit = lit & !(1 << lane) | u8::from(cosines[lane] > 0.0) << lane;
                     }
                     if lit >> lane & 1 == 0 || places.met[i] == NONE {
@@ -511,7 +511,7 @@ impl Stage<'_> {
                 paths.mirrors[path] += 1;
                 let (mut d, mut ed) = ([lanes[0][lane], lanes[1][lane], lanes[2][lane]], lanes[3][lane]);
                 if places.exact[i] != 0 {
-                    d = paths.mirrored(rays, places, i).to_array();
+                    d = paths.hits[places.exact[i] as usize - 1].1.to_array();
                     ed = 4.0 * U;
                 }
                 for k in 0..3 {

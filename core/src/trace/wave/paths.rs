@@ -1,5 +1,7 @@
 //! What a wave keeps of each path, and its way to wide arithmetic.
 
+use glam::DVec3;
+
 use crate::geometry::{ObjectId, U, V3};
 use crate::scene::Pigment;
 use crate::trace::arbiter::{self, Decision, ExactHit, LAST};
@@ -25,8 +27,8 @@ pub(super) struct Paths<'a> {
     pub(super) query: &'a mut Scratch,
     /// Wide arithmetic of the paths that needed it; empty until one does.
     pub(super) courts: Vec<Option<Box<Court<'a>>>>,
-    /// Points met at this step that f64 does not place well enough.
-    pub(super) hits: Vec<ExactHit<LAST>>,
+    /// Points met at this step that f64 does not place well enough, and directions mirrored there.
+    pub(super) hits: Vec<(ExactHit<LAST>, DVec3)>,
     pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
@@ -66,7 +68,7 @@ impl<'a> Paths<'a> {
             Closest::Doubt => {
                 let candidates: Vec<_> = self.query.candidates().collect();
                 let (court, trail) = self.court(rays.path[i] as usize);
-                court.closest(&prepared.scene, &trail, &candidates).map_or(NONE, code)
+                court.closest(&trail, &candidates).map_or(NONE, code)
             }
         };
     }
@@ -95,9 +97,9 @@ impl<'a> Paths<'a> {
             (Occluded::Yes, _) => true,
             (Occluded::Doubt, Some(met)) => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                let scene = &prepared.scene;
+                let light = prepared.scene.lights()[light];
                 let (court, trail) = self.court(rays.path[i] as usize);
-                court.occluded(scene, &trail, met, scene.lights()[light], &candidates)
+                court.occluded(&trail, met, light, &candidates)
             }
         }
     }
@@ -109,7 +111,7 @@ impl<'a> Paths<'a> {
         let tracer = self.tracer;
         let scene = &tracer.prepared.scene;
         let (court, trail) = self.court(rays.path[i] as usize);
-        let hit = court.hit(&trail, met);
+        let Some((hit, mirrored)) = court.hit(&trail, met) else { return };
         let p = V3::splat(arbiter::to_local(&tracer.prepared.local, scene, &hit.p));
         places.set(i, &Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U });
         let material = tracer.material(met.id);
@@ -120,18 +122,8 @@ impl<'a> Paths<'a> {
                 to[i] = x;
             }
         }
-        self.hits.push(hit);
+        self.hits.push((hit, mirrored));
         places.exact[i] = self.hits.len() as u32;
-    }
-
-    /// The mirrored direction at place `i`, which was refined.
-    #[inline(never)]
-    pub(super) fn mirrored(&mut self, rays: &Rays, places: &Places, i: usize) -> glam::DVec3 {
-        let hit = self.hits[places.exact[i] as usize - 1];
-        let (court, trail) = self.court(rays.path[i] as usize);
-        let d = court.mirrored(&trail, &hit);
-        self.refined -= 1; // counted when it was refined
-        d
     }
 }
 
