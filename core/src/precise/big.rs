@@ -83,6 +83,31 @@ impl<const N: usize> Big<N> {
         if self.is_zero() { self } else { Self { exponent: self.exponent + k, ..self } }
     }
 
+    /// self − ⌊self⌋, in [0, 1): exact, save that 1 less a fraction below 2^−64N is rounded down.
+    #[must_use]
+    pub fn fraction(&self) -> Self {
+        if self.is_zero() || self.exponent >= 64 * N as i64 {
+            return Self::ZERO;
+        }
+        let mut part = *self;
+        part.negative = false;
+        if self.exponent > 0 {
+            // The top `exponent` bits are the whole part.
+            let (limbs, bits) = ((self.exponent / 64) as usize, self.exponent % 64);
+            for limb in &mut part.limbs[N - limbs..] {
+                *limb = 0;
+            }
+            if bits > 0 {
+                part.limbs[N - 1 - limbs] &= u64::MAX >> bits;
+            }
+            let Some(top) = (0..N).rev().find(|&i| part.limbs[i] != 0) else { return Self::ZERO };
+            let shift = 64 * (N - 1 - top) + part.limbs[top].leading_zeros() as usize;
+            part.limbs = shift_left(&part.limbs, shift);
+            part.exponent -= shift as i64;
+        }
+        if self.negative { Self::new(1.0) - part } else { part }
+    }
+
     /// The nearest f64, ties to even; ±inf beyond f64's range.
     #[must_use]
     pub fn to_f64(&self) -> f64 {
@@ -270,6 +295,18 @@ fn shift_right<const N: usize>(limbs: &[u64; N], by: u64) -> [u64; N] {
     out
 }
 
+/// `limbs` shifted up by `by` bits.
+fn shift_left<const N: usize>(limbs: &[u64; N], by: usize) -> [u64; N] {
+    let (limb, bit) = (by / 64, by % 64);
+    let mut out = [0; N];
+    for i in limb..N {
+        let high = limbs[i - limb] << bit;
+        let low = if bit > 0 && i > limb { limbs[i - limb - 1] >> (64 - bit) } else { 0 };
+        out[i] = high | low;
+    }
+    out
+}
+
 impl<const N: usize> Neg for Big<N> {
     type Output = Self;
     fn neg(self) -> Self {
@@ -419,6 +456,16 @@ mod tests {
                 prop_assert!(close(u, fu));
             }
             prop_assert_eq!(ba.cmp(&bb), a.partial_cmp(&b).expect("finite"));
+        }
+
+        #[test]
+        fn fractions_are_exact(whole in -1_000_000i64..1_000_000, part in 0u32..1 << 20, power in 0i32..400) {
+            let part = f64::from(part) / f64::from(1 << 20);
+            // A whole number far larger than f64 holds together with the fraction.
+            let large = B::new(whole as f64) * B::new(2f64.powi(power)) + B::new(part);
+            prop_assert_eq!(large.fraction().to_f64(), part);
+            let negative = (-large).fraction().to_f64();
+            prop_assert_eq!(negative, if part == 0.0 { 0.0 } else { 1.0 - part });
         }
 
         #[test]

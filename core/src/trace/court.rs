@@ -54,6 +54,9 @@ impl<const N: usize> ExactPath<'_, N> {
 /// Mirrors that a path in the first width may have behind it: each can cost it several bits.
 const SHORT: usize = 8;
 
+/// Coordinates of 2^FAR and more lose too much of their fraction to the first width.
+const FAR: i64 = 128;
+
 /// The path at both widths. Each question gives the decisions so far, which only ever grow.
 pub(crate) struct Court<'a> {
     first: ExactPath<'a, FIRST>,
@@ -96,6 +99,8 @@ impl<'a> Court<'a> {
         if trail.len() <= SHORT
             && let Ok(hit) = self.first.hit(trail, met)
             && let Ok(ray) = self.first.ray(trail)
+            // A picture's place on a plane is what is left of a coordinate modulo 1.
+            && hit.p.exponent() < FAR
         {
             return Some((hit.resize(), hit.reflect(&ray.d).d.to_f64()));
         }

@@ -140,13 +140,7 @@ pub(crate) fn exact_coordinates<const N: usize>(scene: &Scene, mappings: &[Mappi
         Kind::Plane(_) => {
             let map = find(mappings, hit.decision.id);
             let at = hit.p - map.origin.resize();
-            let part = |axis: &Vector<LAST>| {
-                let x = at.dot(&axis.resize());
-                let whole = x.to_f64().floor();
-                // Beyond 2^53 the nearest f64's floor may be off by whole units; once more settles it.
-                let rest = if whole.is_finite() { (x - Big::new(whole)).to_f64() } else { 0.0 };
-                fraction(rest)
-            };
+            let part = |axis: &Vector<LAST>| fraction(at.dot(&axis.resize()).fraction().to_f64());
             DVec2::new(part(&map.exact[0]), part(&map.exact[1]))
         }
         Kind::Triangle(i) => {
