@@ -1,14 +1,17 @@
 //! Whole random scenes at the limits, against the 512-bit oracle.
 
+use std::ops::Range;
+
+use tessera_core::settings::Settings;
 use tessera_tests::compare::{assert_same_picture, difference};
-use tessera_tests::generate::extreme;
+use tessera_tests::generate::{Document, extreme};
 use tessera_tests::subject::{Subject, colors, truth};
 
 /// Renders the scenes of the seeds and demands that no pixel is wrong.
-fn all_right(seeds: std::ops::Range<u64>, width: u32, height: u32) {
+fn all_right(name: &str, seeds: Range<u64>, scene: impl Fn(u64) -> (Document, Settings)) {
     let (mut wrong, mut plain) = (Vec::new(), 0);
     for seed in seeds.clone() {
-        let (document, settings) = extreme::random(seed, width, height);
+        let (document, settings) = scene(seed);
         if document.scene().is_err() {
             // Offsets may round the eye onto what it looks at.
             plain += 1;
@@ -20,20 +23,25 @@ fn all_right(seeds: std::ops::Range<u64>, width: u32, height: u32) {
         let d = difference(&expected, &actual);
         plain += u64::from(colors(&expected) < 8);
         if !d.wrong.is_empty() {
-            println!("seed {seed}: {} wrong pixels, first {:?}", d.wrong.len(), d.wrong[0]);
-            let _ = std::panic::catch_unwind(|| assert_same_picture(&format!("random-{seed}"), &expected, &actual));
+            println!("{name}, seed {seed}: {} wrong pixels, first {:?}", d.wrong.len(), d.wrong[0]);
+            let _ = std::panic::catch_unwind(|| assert_same_picture(&format!("{name}-{seed}"), &expected, &actual));
             wrong.push(seed);
         }
     }
     let count = seeds.end - seeds.start;
     println!("{count} scenes, {plain} of them with little to see, {} wrong", wrong.len());
-    assert!(wrong.is_empty(), "wrong pictures of seeds {wrong:?}");
+    assert!(wrong.is_empty(), "{name}: wrong pictures of seeds {wrong:?}");
     assert!(plain * 3 <= count, "{plain} of {count} scenes show hardly anything");
 }
 
 #[test]
 fn fixed_seeds_are_right() {
-    all_right(0..60, 32, 24);
+    all_right("random", 0..60, |seed| extreme::random(seed, 32, 24));
+}
+
+#[test]
+fn exact_events_are_right() {
+    all_right("snapped", 0..80, extreme::snapped);
 }
 
 /// `TESSERA_SEEDS=first..end` chooses the scenes.
@@ -42,7 +50,9 @@ fn fixed_seeds_are_right() {
 fn many_seeds_are_right() {
     let range = std::env::var("TESSERA_SEEDS").unwrap_or_else(|_| "60..1060".into());
     let (a, b) = range.split_once("..").expect("TESSERA_SEEDS=first..end");
-    all_right(a.parse().unwrap()..b.parse().unwrap(), 64, 48);
+    let seeds = a.parse().unwrap()..b.parse().unwrap();
+    all_right("snapped", seeds.clone(), extreme::snapped);
+    all_right("random", seeds, |seed| extreme::random(seed, 64, 48));
 }
 
 /// How POV-Ray fares on the same scenes.

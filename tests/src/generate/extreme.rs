@@ -148,3 +148,59 @@ pub fn random(seed: u64, width: u32, height: u32) -> (Document, Settings) {
     };
     (d, settings)
 }
+
+/// A random scene on a coarse grid, seen along an axis by a picture whose rays are dyadic:
+/// tangents, edges, vertices, coplanar faces and grazed shadows are met exactly, over and over.
+#[must_use]
+pub fn snapped(seed: u64) -> (Document, Settings) {
+    let r = &mut Random::new(seed ^ 0x5eed);
+    let grid = |r: &mut Random, lo: i32, hi: i32| f64::from(lo + r.below((hi - lo + 1) as u64) as i32) / 4.0;
+    let place = |r: &mut Random| dvec3(grid(r, -6, 6), grid(r, -6, 6), grid(r, -2, 8));
+    let eye = dvec3(grid(r, -2, 2), grid(r, -2, 2), -4.0);
+    let ahead = pick(r, &[DVec3::Z, DVec3::Z * 4.0, dvec3(0.0, -3.0, 4.0), dvec3(3.0, 0.0, 4.0)]);
+    let mut d = Document::new(eye, eye + ahead).with_background(0.2, 0.3, 0.5);
+    for _ in 0..3 + r.below(5) {
+        let look = match look(r) {
+            Look { paint: super::Paint::Picture(_), .. } => Look::new(0.7, 0.6, 0.5, 0.5, 0.5),
+            look => look,
+        };
+        let p = place(r);
+        d = match r.below(6) {
+            0 | 1 => d.sphere(p, pick(r, &[0.25, 0.5, 1.0, 1.25]), look),
+            2 => {
+                let n =
+                    pick(r, &[DVec3::X, DVec3::Y, DVec3::Z, -DVec3::Y, dvec3(0.0, 3.0, -4.0), dvec3(1.0, 1.0, 0.0)]);
+                d.plane_at(n, p * 2.0, look)
+            }
+            3 => {
+                // A square of two triangles, and perhaps the same again from the other side.
+                let (u, v) = (
+                    pick(r, &[DVec3::X, DVec3::Y, dvec3(1.0, 0.0, 1.0)]),
+                    pick(r, &[DVec3::Z, DVec3::Y * 2.0, -DVec3::X]),
+                );
+                let [a, b, c, e] = [p, p + u, p + u + v, p + v];
+                let d = d.triangle([a, b, c], look).triangle([a, c, e], look);
+                if r.one_in(2) { d.triangle([c, b, a], Look::matte(0.9, 0.1, 0.1)) } else { d }
+            }
+            4 => d.triangle([p, place(r), place(r)], look),
+            _ => {
+                // A fan around a vertex.
+                let rim = [DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y].map(|v| p + v + DVec3::Z * 0.25);
+                (0..4).fold(d, |d, k| d.triangle([p, rim[k], rim[(k + 1) % 4]], look))
+            }
+        };
+    }
+    for _ in 0..1 + r.below(3) {
+        let p = place(r) * 2.0;
+        d = d.with(Item::Light(p));
+    }
+    let settings = Settings {
+        view: View::new(32, 32, 1.0, pick(r, &[1.0, 2.0])).unwrap_or_else(|e| unreachable!("{e}")),
+        max_depth: pick(r, &[2, 4, 8]),
+        sampling: Sampling::Uniform { grid: 1 },
+        transfer: Transfer::Linear,
+    };
+    // Odd sizes send rays along the axis itself.
+    let odd = View::new(31, 31, 1.0, 31.0 / 32.0).unwrap_or_else(|e| unreachable!("{e}"));
+    (d, if r.one_in(2) { settings } else { Settings { view: odd, ..settings } })
+}
