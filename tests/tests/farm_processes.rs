@@ -174,7 +174,7 @@ async fn a_worker_outlives_its_coordinator_and_serves_the_next() {
     let mut running = cluster().start_at(ListenAddr::Socket(addr)).await;
     running.until(|p| !p.workers.is_empty()).await;
     assert_eq!(running.end().await.unwrap().image, first.image);
-    steady.says("is here already");
+    steady.says("the scene is here already");
 }
 
 #[test]

@@ -103,6 +103,7 @@ pub async fn run(config: Config, stop: CancellationToken) -> Result<Left, Worker
         instance: InstanceId(fastrand::u64(..)),
         pool: Arc::new(pool),
         cache: SceneCache::default(),
+        last: session::LastTracer::default(),
         config: config.clone(),
     };
     let mut waits = config.backoff.start();

@@ -1,11 +1,12 @@
 //! One connection to a coordinator, from dialling to the end of its stream.
 
 use std::error::Error as _;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use rayon::ThreadPool;
 use sha2::{Digest, Sha256};
+use tessera_core::settings::Settings;
 use tessera_core::trace::PreparedScene;
 use tessera_proto::convert::{Job, Lease, Registration, cause};
 use tessera_proto::limits::{
@@ -39,11 +40,16 @@ const PIECE_WITHIN: Duration = Duration::from_secs(30);
 /// How long the coordinator may take to end its side.
 const GOODBYE_WITHIN: Duration = Duration::from_secs(2);
 
+/// A job's scene and settings, and what renders it.
+pub(crate) type LastTracer = Mutex<Option<(SceneHash, Settings, Arc<dyn TileTracer>)>>;
+
 /// What sessions of one worker have in common.
 pub(crate) struct Session {
     pub(crate) instance: InstanceId,
     pub(crate) pool: Arc<ThreadPool>,
     pub(crate) cache: SceneCache,
+    /// What rendered the last job.
+    pub(crate) last: LastTracer,
     pub(crate) config: Config,
 }
 
@@ -171,9 +177,16 @@ impl Session {
             let local = self.config.local.as_ref();
             return local.map(|l| l.tracer.clone()).ok_or_else(|| Outcome::Lost("there is no scene".into()));
         };
+        // After a broken connection the job is the one before, and the threads may still be busy
+        // with a tile of it: nothing is prepared again.
+        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if let Some((_, _, tracer)) = last.filter(|(h, s, _)| *h == hash && *s == job.settings) {
+            tracing::info!("the scene is here already");
+            return Ok(tracer);
+        }
         let prepared = match self.cache.get(hash) {
             Some(prepared) => {
-                tracing::info!("scene {hash} is here already");
+                tracing::info!("the scene is here already");
                 prepared
             }
             None => {
@@ -188,7 +201,11 @@ impl Session {
         };
         let (studio, settings) = (self.config.studio.clone(), job.settings);
         match self.on_pool(move || studio.open(prepared, settings)).await? {
-            Ok(tracer) => Ok(tracer),
+            Ok(tracer) => {
+                let last = (hash, job.settings, tracer.clone());
+                *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(last);
+                Ok(tracer)
+            }
             Err(e) => {
                 say(&talk.out, Say::Unable(wire::Unable { cause: e.to_string() })).await?;
                 Err(Outcome::Lost(format!("the job cannot be rendered here: {e}")))
