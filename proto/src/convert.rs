@@ -397,7 +397,6 @@ pub fn check_size(bytes: &[u8], format: PixelFormat, region: &Region) -> Result<
 }
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
 

@@ -1,6 +1,6 @@
 //! What the tests are made of: scenes, oracles and comparisons.
 //!
-//! The oracles share no code with the tracer: [`reference`] is the image model in
+//! The oracles share no code with the tracer: [`mod@reference`] is the image model in
 //! plain f64, written to be read; [`oracle`] is the same model in 512-bit arithmetic
 //! whose every decision is proven or counted as a tie; [`exact`] answers questions
 //! about a single ray and object in exact arithmetic.

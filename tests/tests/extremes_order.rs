@@ -19,15 +19,15 @@ fn hash(pixels: &[[f32; 3]]) -> Vec<u8> {
 
 /// The picture put together from tiles of the given edge, by as many threads as asked for.
 fn tiled(document: &Document, settings: Settings, edge: u32, threads: usize) -> Vec<u8> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be had");
     let (w, h) = (settings.view.width(), settings.view.height());
     let mut whole = vec![[0f32; 3]; (w * h) as usize];
     pool.install(|| {
-        let prepared = Arc::new(PreparedScene::build(Arc::new(document.scene().unwrap())));
-        let tracer = Tracer::new(prepared, settings).unwrap();
+        let prepared = Arc::new(PreparedScene::build(Arc::new(document.scene().expect("the scene is valid"))));
+        let tracer = Tracer::new(prepared, settings).expect("the settings are valid");
         for y in (0..h).step_by(edge as usize) {
             for x in (0..w).step_by(edge as usize) {
-                let region = Region::new(x, y, (x + edge).min(w), (y + edge).min(h)).unwrap();
+                let region = Region::new(x, y, (x + edge).min(w), (y + edge).min(h)).expect("not empty");
                 let tile = tracer.render(region).0;
                 for (k, pixel) in tile.pixels.iter().enumerate() {
                     let (dx, dy) = (k as u32 % region.width(), k as u32 / region.width());

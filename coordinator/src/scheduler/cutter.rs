@@ -102,7 +102,6 @@ fn halve(r: Region) -> Option<(Region, Region)> {
 }
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use proptest::prelude::*;
 

@@ -182,7 +182,7 @@ impl Scheduler {
 
     /// How many tiles there will be in all, as far as can be said.
     pub(crate) fn tiles_estimate(&self) -> u64 {
-        let typical = if self.tiles_done == 0 { 0 } else { self.pixels_done / self.tiles_done };
+        let typical = self.pixels_done.checked_div(self.tiles_done).unwrap_or(0);
         self.tiles_done + self.tiles.len() as u64 + self.cutter.regions_left(typical.max(1024))
     }
 

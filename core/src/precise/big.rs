@@ -242,7 +242,7 @@ impl<const N: usize> Big<N> {
 
     /// self / divisor; zero where the divisor is zero.
     #[must_use]
-    pub fn div(self, divisor: Self) -> Self {
+    pub fn over(self, divisor: Self) -> Self {
         self * divisor.reciprocal()
     }
 
@@ -445,7 +445,7 @@ mod tests {
             let (p, fp) = (s * bc, fs * &fc);
             prop_assert!(close(p, fp.clone()));
             if d != 0.0 {
-                let q = p.div(bd);
+                let q = p.over(bd);
                 prop_assert!(close(q, fp.clone() / &fd));
             }
             if fp > F::ZERO {
@@ -474,7 +474,7 @@ mod tests {
             prop_assert_eq!(p, a * b);
             prop_assert_eq!((B::new(a) + B::new(b)).to_f64(), a + b);
             if b != 0.0 && (a / b).is_finite() {
-                prop_assert_eq!(B::new(a).div(B::new(b)).to_f64(), a / b);
+                prop_assert_eq!(B::new(a).over(B::new(b)).to_f64(), a / b);
             }
         }
     }

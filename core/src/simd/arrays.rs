@@ -45,7 +45,7 @@ macro_rules! lanewise {
             #[inline(always)]
             fn $method(mut self, b: Self) -> Self {
                 for (x, y) in self.0.iter_mut().zip(b.0) {
-                    *x = *x $op y;
+                    *x $op y;
                 }
                 self
             }
@@ -53,13 +53,13 @@ macro_rules! lanewise {
     };
 }
 
-lanewise!(S16, Add, add, +);
-lanewise!(S16, Sub, sub, -);
-lanewise!(S16, Mul, mul, *);
-lanewise!(D8, Add, add, +);
-lanewise!(D8, Sub, sub, -);
-lanewise!(D8, Mul, mul, *);
-lanewise!(D8, Div, div, /);
+lanewise!(S16, Add, add, +=);
+lanewise!(S16, Sub, sub, -=);
+lanewise!(S16, Mul, mul, *=);
+lanewise!(D8, Add, add, +=);
+lanewise!(D8, Sub, sub, -=);
+lanewise!(D8, Mul, mul, *=);
+lanewise!(D8, Div, div, /=);
 
 impl Neg for S16 {
     type Output = Self;

@@ -1,7 +1,7 @@
 //! Vectors of the machine, and the choice among them.
 //!
-//! The only room with `unsafe`. Code above is written once over [`Simd`] and compiled for
-//! each [`Level`] by [`dispatch`]; the level is found once, when the process first asks.
+//! The only room with `unsafe`. Code above is written once over `Simd` and compiled for
+//! each [`Level`] by `dispatch`; the level is found once, when the process first asks.
 //! No result depends on it: 64-bit operations are IEEE's in every lane, and 32-bit ones
 //! only filter, behind bounds that hold for any rounding and any fusing.
 

@@ -99,7 +99,7 @@ fn plane<const N: usize>(scene: &Scene, i: usize) -> (Vector<N>, Big<N>) {
 
 /// −2 (o − c)·d / d·d: where a line through a point of a sphere meets it again.
 fn other_root<const N: usize>(ray: &ExactRay<N>, c: &Vector<N>) -> Big<N> {
-    -(ray.o - *c).dot(&ray.d).scale(1).div(ray.d.dot(&ray.d))
+    -(ray.o - *c).dot(&ray.d).scale(1).over(ray.d.dot(&ray.d))
 }
 
 /// |v| up to a factor below 2: its largest component. Enough for terms.
@@ -127,7 +127,7 @@ pub(crate) fn meet<const N: usize>(
             }
             let num = offset - n.dot(&ray.o);
             let terms = offset.abs() + size(&n) * size(&ray.o);
-            Ok((sign(&num, &terms)? * leans > 0).then(|| (num.div(den), false)))
+            Ok((sign(&num, &terms)? * leans > 0).then(|| (num.over(den), false)))
         }
         Kind::Triangle(i) => meet_triangle(scene, ray, i),
         Kind::Sphere(i) => {
@@ -148,10 +148,10 @@ pub(crate) fn meet<const N: usize>(
             };
             Ok(match sign(&cc, &(oc2 + rr))? {
                 // Outside: both roots lie on one side of the start.
-                1 => (b.signum() < 0).then(|| ((-b - root).div(a), false)),
-                -1 => Some(((root - b).div(a), true)),
+                1 => (b.signum() < 0).then(|| ((-b - root).over(a), false)),
+                -1 => Some(((root - b).over(a), true)),
                 // On the sphere: 0 is one root, the other counts if it lies ahead.
-                _ => (sign(&b, &(size(&oc) * size(&ray.d)))? < 0).then(|| (-b.scale(1).div(a), true)),
+                _ => (sign(&b, &(size(&oc) * size(&ray.d)))? < 0).then(|| (-b.scale(1).over(a), true)),
             })
         }
     }
@@ -184,7 +184,7 @@ fn meet_triangle<const N: usize>(scene: &Scene, ray: &ExactRay<N>, i: usize) -> 
     }
     let num = n.dot(&p0);
     let terms = size(&e1) * size(&e2) * (size(&a) + size(&ray.o));
-    Ok((sign(&num, &terms)? * leans > 0).then(|| (num.div(den), false)))
+    Ok((sign(&num, &terms)? * leans > 0).then(|| (num.over(den), false)))
 }
 
 /// The nearest of `candidates` along `ray`; equal distances go to the first in the document.
@@ -235,7 +235,7 @@ pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: De
         // A distance that vanishes beside its terms has lost its digits.
         sign(&num, &terms)?;
         let den = n.dot(&ray.d);
-        let p = ray.o + ray.d * num.div(den);
+        let p = ray.o + ray.d * num.over(den);
         Ok(ExactHit { p, normal: n, square: n.dot(&n), turned: den.signum() > 0, decision })
     };
     match kind(scene, decision.id) {
@@ -263,9 +263,9 @@ pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: De
                 let root = (b * b - a * cc).sqrt();
                 // Of the two forms of each root, the one that subtracts nothing.
                 match decision.inside {
-                    false => cc.div(root - b),
-                    true if b.signum() > 0 && !cc.is_zero() => -cc.div(root + b),
-                    true => (root - b).div(a),
+                    false => cc.over(root - b),
+                    true if b.signum() > 0 && !cc.is_zero() => -cc.over(root + b),
+                    true => (root - b).over(a),
                 }
             };
             let p = ray.o + ray.d * t;
@@ -290,7 +290,7 @@ impl<const N: usize> ExactHit<N> {
 
     /// The ray reflected from here.
     pub(crate) fn reflect(&self, d: &Vector<N>) -> ExactRay<N> {
-        let along = self.normal.dot(d).scale(1).div(self.square);
+        let along = self.normal.dot(d).scale(1).over(self.square);
         ExactRay { o: self.p, d: *d - self.normal * along, from: Some(self.decision) }
     }
 

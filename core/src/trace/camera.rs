@@ -45,7 +45,7 @@ impl Frame {
         let r = Vector::new(camera.sky()).cross(&f).normalize();
         let u = f.cross(&r);
         let units = 2.0 * f64::from(grid) * f64::from(view.height());
-        let distance = (Big::new(view.zoom()) * Big::new(units)).div(Big::new(view.plane_height()));
+        let distance = (Big::new(view.zoom()) * Big::new(units)).over(Big::new(view.plane_height()));
         // The longest of the three parts of a direction becomes about 1.
         let widest = Big::<LAST>::new(f64::from(grid) * f64::from(view.width().max(view.height())));
         let scale = -distance.exponent().max(widest.exponent());

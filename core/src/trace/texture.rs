@@ -149,8 +149,8 @@ pub(crate) fn exact_coordinates<const N: usize>(scene: &Scene, mappings: &[Mappi
             let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
             let (n, at) = (e1.cross(&e2), hit.p - a);
             let nn = n.dot(&n);
-            let b1 = at.cross(&e2).dot(&n).div(nn).to_f64();
-            let b2 = e1.cross(&at).dot(&n).div(nn).to_f64();
+            let b1 = at.cross(&e2).dot(&n).over(nn).to_f64();
+            let b2 = e1.cross(&at).dot(&n).over(nn).to_f64();
             DVec2::new(b1.clamp(0.0, 1.0), b2.clamp(0.0, 1.0))
         }
     }

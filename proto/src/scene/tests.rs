@@ -1,5 +1,3 @@
-#![expect(clippy::unwrap_used, reason = "tests")]
-
 use glam::{DVec3, dvec3};
 use proptest::prelude::*;
 use tessera_core::scene::{Orientation, Picture, Pigment, PlanePosition, Scene, SceneBuilder, Surface, SurfaceId};

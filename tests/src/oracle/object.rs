@@ -19,6 +19,7 @@ pub struct Object {
 }
 
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "a few objects, each looked at for every ray")]
 pub(super) enum Shape {
     /// `through`·normal says where it lies, `origin` is where its picture starts.
     Plane {

@@ -14,7 +14,7 @@ pub(super) struct Rays {
     pub(super) d: [Vec<f64>; 3],
     pub(super) eo: Vec<f64>,
     pub(super) ed: Vec<f64>,
-    /// The object a ray starts on, with [`INSIDE`], or [`NONE`].
+    /// The object a ray starts on, with `packet::INSIDE`, or [`NONE`].
     pub(super) own: Vec<u32>,
     /// Which path it belongs to.
     pub(super) path: Vec<u32>,
@@ -71,7 +71,7 @@ pub(super) struct Places {
     pub(super) albedo: [Vec<f64>; 3],
     pub(super) reflect: Vec<f64>,
     pub(super) lit: Vec<f64>,
-    /// What was met, with [`INSIDE`]; [`NONE`] for nothing, or where the path has left.
+    /// What was met, with `packet::INSIDE`; [`NONE`] for nothing.
     pub(super) met: Vec<u32>,
     /// One more than the index into the paths' exact hits, 0 where f64 serves.
     pub(super) exact: Vec<u32>,
