@@ -1,5 +1,7 @@
 //! By others' eyes: the reference tracer, the tracer and POV-Ray show the same picture.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use std::sync::Arc;
 
 use tessera_core::film::Region;

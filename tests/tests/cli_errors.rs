@@ -175,7 +175,7 @@ fn an_unreadable_picture_is_an_error_of_the_scene() {
     let at = demo_without_picture();
     let globe = at.path().join("globe.ppm");
     std::fs::write(&globe, b"P6 1 1 255\nabc").expect("written");
-    std::fs::set_permissions(&globe, std::fs::Permissions::from_mode(0)).expect("set");
+    std::fs::set_permissions(&globe, std::fs::Permissions::from_mode(0o0)).expect("set");
     if std::fs::read(&globe).is_ok() {
         eprintln!("skipped: this user may read everything");
         return;

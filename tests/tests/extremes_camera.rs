@@ -1,5 +1,7 @@
 //! The extremes suite: the camera.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use glam::{DVec3, dvec3};
 use tessera_core::scene::Invalid;
 use tessera_core::settings::{Settings, View};

@@ -1,5 +1,7 @@
 //! Whole pictures by `coordinator render`, from text to file, against the 512-bit oracle.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use std::path::Path;
 
 use glam::{DVec3, dvec3};

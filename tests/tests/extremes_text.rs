@@ -1,5 +1,7 @@
 //! The extremes suite: what a scene's text may not say, and where it is told.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use glam::{DVec3, dvec3};
 use tessera_core::scene::PlanePosition;
 use tessera_core::xml::{Read, ReadError, ReadOptions, Severity, read_bytes};

@@ -1,5 +1,7 @@
 //! The same bits, whoever renders and however it is shared out.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use std::sync::Arc;
 
 use coordinator::{PixelFormat, Pixels, Rendered};

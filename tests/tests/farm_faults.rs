@@ -1,5 +1,7 @@
 //! Workers that fail, lie and vanish, and a network that breaks.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use std::sync::Arc;
 use std::time::Duration;
 

@@ -1,5 +1,6 @@
 //! Real `worker` processes, killed, stopped and told to leave.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
 #![cfg(unix)]
 
 use std::sync::Arc;

@@ -1,5 +1,7 @@
 //! The oracles against each other and against closed forms.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use glam::{DVec3, dvec3};
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
 use tessera_tests::compare::{assert_same_picture, difference};

@@ -1,5 +1,7 @@
 //! The example scenes in `tests/scenes/` are what the generators write.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
 use std::path::{Path, PathBuf};
 
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
