@@ -77,6 +77,12 @@ impl<T: Coordinate> Wide<T> {
         wide
     }
 
+    /// The farthest that a point in the hierarchy may be from the origin.
+    pub(crate) fn radius(&self) -> f64 {
+        let far = |k: usize| self.lo[k].abs().max(self.hi[k].abs());
+        (far(0) * far(0) + far(1) * far(1) + far(2) * far(2)).sqrt()
+    }
+
     /// A bound on |x| + |y| + |z| of every point in the hierarchy.
     pub(crate) fn reach(&self) -> f64 {
         (0..3).map(|k| self.lo[k].abs().max(self.hi[k].abs())).sum()

@@ -21,8 +21,10 @@ pub(crate) struct FlatTriangle {
     pub(crate) u0: f32,
     pub(crate) v: [f32; 3],
     pub(crate) v0: f32,
-    /// |u| + |v|: how fast the weights change. Infinite where f32 cannot hold them.
+    /// |u| + |v|: how fast the weights change with the point. Infinite where f32 cannot hold them.
     pub(crate) slope: f32,
+    /// Bound on the corners' distances from the origin.
+    pub(crate) reach: f32,
     pub(crate) id: u32,
 }
 
@@ -31,6 +33,8 @@ pub(crate) struct FlatTriangle {
 pub(crate) struct FlatSphere {
     pub(crate) c: [f32; 3],
     pub(crate) r: f32,
+    /// Bound on the distance of its points from the origin.
+    pub(crate) reach: f32,
     pub(crate) id: u32,
 }
 
@@ -47,7 +51,7 @@ pub(crate) struct Filter {
     pub(crate) triangles: Vec<FlatTriangle>,
     pub(crate) spheres: Vec<FlatSphere>,
     pub(crate) planes: Vec<FlatPlane>,
-    /// |x| + |y| + |z| of everything finite is at most this.
+    /// Everything finite is at most this far from the origin.
     pub(crate) reach: f32,
 }
 
@@ -63,11 +67,13 @@ fn flat_triangle(corners: [V3<f64>; 3], id: u32) -> FlatTriangle {
     let unit = n * (1.0 / nn.sqrt());
     let u = e2.cross(n) * (1.0 / nn);
     let v = n.cross(e1) * (1.0 / nn);
-    let slope = ((u.norm1() + v.norm1()) * (1.0 + 1e-6)) as f32;
+    let length = |v: V3<f64>| v.dot(v).sqrt();
+    let slope = ((length(u) + length(v)) * (1.0 + 1e-6)) as f32;
+    let reach = (corners.into_iter().map(length).fold(0.0, f64::max) * (1.0 + 1e-6)) as f32;
     let sound = slope < 1e30 && unit.norm1() > 0.5;
     if !sound {
         // No weight of it is sure or misses: such a triangle is always asked about in f64.
-        return FlatTriangle { slope: f32::INFINITY, id, ..FlatTriangle::default() };
+        return FlatTriangle { slope: f32::INFINITY, reach, id, ..FlatTriangle::default() };
     }
     FlatTriangle {
         n: single(unit),
@@ -77,6 +83,7 @@ fn flat_triangle(corners: [V3<f64>; 3], id: u32) -> FlatTriangle {
         v: single(v),
         v0: -v.dot(a) as f32,
         slope,
+        reach,
         id,
     }
 }
@@ -94,7 +101,8 @@ impl Filter {
         };
         let sphere = |&id: &u32| {
             let s = &local.spheres[(id - first) as usize];
-            FlatSphere { c: single(s.c), r: s.r as f32, id }
+            let reach = ((s.c.dot(s.c).sqrt() + s.r) * (1.0 + 1e-6)) as f32;
+            FlatSphere { c: single(s.c), r: s.r as f32, reach, id }
         };
         let plane = |p: &crate::geometry::plane::LocalPlane| FlatPlane { n: single(p.n), h: p.h as f32 };
         let planes: Vec<_> = local.planes.iter().map(plane).collect();
@@ -104,7 +112,7 @@ impl Filter {
             triangles: triangles.par_iter().map(triangle).collect(),
             spheres: spheres.iter().map(sphere).collect(),
             planes,
-            reach: (wide.reach() * (1.0 + 1e-6)) as f32,
+            reach: (wide.radius() * (1.0 + 1e-6)) as f32,
         })
     }
 }

@@ -1,13 +1,15 @@
 //! Sixteen rays at once through the f32 scene: a filter that never decides what it cannot prove.
 //!
-//! **Bound.** With u = 2⁻²⁴, everything met by a ray lies within reach + |o| of its start, so
-//! that rounding of ray, object and arithmetic, and the ray's own f64 bound, misplace it by at
-//! most pos = eo + (1.1·ed + 24u)(|o| + reach). A plane of a triangle met at cosine c is then
-//! met within pos/c, weights change by at most slope·pos·(2 + 1/c), and boxes moved outward by
-//! 2·pos are met wherever the real ray meets them: (lo − o)·(1/d) carries four roundings, less
-//! than 4u·(|o| + reach) in lo.
+//! **Bound.** With u = 2⁻²⁴ and an object whose points are at most V from the origin, hence at most
+//! |o| + V from the start: the ray's own bound and its rounding misplace it there by at most
+//! eo + ed(|o| + V) + u|o| + u(|o| + V); of a plane's offset h − n·o, 2uV + 5u|o| is lost, of n·d
+//! 4u|d|, of a point's weights 6u·slope·V, of a sphere's q 5u(|o| + V) + 2uV. All of it is less than
+//! pos = eo + (1.1·ed + 12u)·|o| + (1.1·ed + 10u)·V. A plane met at cosine c is then met within
+//! pos/c, and weights are off by at most slope·pos·(1.2 + 1/c). Boxes moved outward by pad =
+//! 1.1·(eo + (1.1·ed + 10u)(|o| + reach)) are met wherever the real ray meets them: (lo − o)·(1/d)
+//! carries four roundings, less than 4u·(|o| + reach) in lo.
 //!
-//! Rays whose pos is not small beside the scene are left to f64 altogether.
+//! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
 
 use super::filter::Filter;
 use crate::bvh::{Link, WIDTH, Wide};
@@ -27,8 +29,11 @@ pub(crate) const INSIDE: u32 = 1 << 31;
 pub(crate) struct Packet {
     pub(crate) o: [[f32; LANES]; 3],
     pub(crate) d: [[f32; LANES]; 3],
-    /// How far anything met may be misplaced.
-    pub(crate) pos: [f32; LANES],
+    /// How far an object at distance V may be misplaced: `near` + `per` · V.
+    pub(crate) near: [f32; LANES],
+    pub(crate) per: [f32; LANES],
+    /// How far boxes are moved outward.
+    pub(crate) pad: [f32; LANES],
     /// Relative error of the direction.
     pub(crate) ed: [f32; LANES],
     /// Objects the rays start on, with [`INSIDE`]; [`NONE`] for camera rays.
@@ -39,7 +44,7 @@ pub(crate) struct Packet {
 impl Default for Packet {
     fn default() -> Self {
         let zero = [0.0; LANES];
-        Self { o: [zero; 3], d: [zero; 3], pos: zero, ed: zero, own: [NONE; LANES], active: 0 }
+        Self { o: [zero; 3], d: [zero; 3], near: zero, per: zero, pad: zero, ed: zero, own: [NONE; LANES], active: 0 }
     }
 }
 
@@ -120,10 +125,11 @@ struct Rays<S: Simd> {
     o: [S::Single; 3],
     d: [S::Single; 3],
     inv: [S::Single; 3],
-    /// −(o ± 2·pos)/d: for lower and for upper ends of boxes.
+    /// −(o ± pad)/d: for lower and for upper ends of boxes.
     low: [S::Single; 3],
     high: [S::Single; 3],
-    pos: S::Single,
+    near: S::Single,
+    per: S::Single,
     dd_inv: S::Single,
     len: S::Single,
     inv_len: S::Single,
@@ -134,8 +140,9 @@ impl<S: Simd> Rays<S> {
     fn new(p: &Packet) -> Self {
         let o = each!(k => S::Single::load(&p.o[k]));
         let d = each!(k => S::Single::load(&p.d[k]));
-        let pos = S::Single::load(&p.pos);
-        let pad = pos + pos;
+        let near = S::Single::load(&p.near);
+        let per = S::Single::load(&p.per);
+        let pad = S::Single::load(&p.pad);
         // A component of 0 becomes tiny: a turn far below `ed`, and no 0 · ∞.
         let tiny = S::Single::splat(1e-30);
         let inv = each!(k => tiny.select(d[k].abs().lt(tiny), d[k]).recip());
@@ -145,7 +152,7 @@ impl<S: Simd> Rays<S> {
         let dd_inv = dd.recip();
         let len = dd.sqrt() * S::Single::splat(1.0 + 16.0 * U32);
         let inv_len = len.recip() * S::Single::splat(1.0 + 32.0 * U32);
-        Self { o, d, inv, low, high, pos, dd_inv, len, inv_len }
+        Self { o, d, inv, low, high, near, per, dd_inv, len, inv_len }
     }
 
     /// Where the box is entered and left, `from` 0 `to` the bound.
@@ -159,6 +166,12 @@ impl<S: Simd> Rays<S> {
             far = far.min(a.max(b));
         }
         (near, far)
+    }
+
+    /// How far an object within `reach` of the origin may be misplaced.
+    #[inline(always)]
+    fn pos(&self, reach: f32) -> S::Single {
+        self.per.fma(S::Single::splat(reach), self.near)
     }
 
     #[inline(always)]
@@ -188,10 +201,11 @@ fn meet_triangle<S: Simd>(r: &Rays<S>, t: &super::filter::FlatTriangle, mask: Ma
     let u = Rays::<S>::dot(t.u, &p) + s(t.u0);
     let v = Rays::<S>::dot(t.v, &p) + s(t.v0);
     let steep = inv.abs();
-    let e = s(t.slope) * r.pos * r.len.fma(steep, s(2.0));
+    let pos = r.pos(t.reach);
+    let e = s(t.slope) * pos * r.len.fma(steep, s(1.2));
     let w = s(1.0) - u - v;
     let least = u.min(v).min(w);
-    let et = s(1.5) * r.pos * steep;
+    let et = s(1.2) * pos * steep;
     let (lo, hi) = (at - et, at + et);
     let zero = s(0.0);
     // Written so that NaN may be met and is never sure.
@@ -209,7 +223,8 @@ fn meet_sphere<S: Simd>(r: &Rays<S>, sphere: &super::filter::FlatSphere, mask: M
     let q = each!(k => r.d[k].fma(mid, oc[k]));
     let qq = q[0].fma(q[0], q[1].fma(q[1], q[2] * q[2]));
     let radius = s(sphere.r);
-    let outer = radius + r.pos;
+    let pos = r.pos(sphere.reach);
+    let outer = radius + pos;
     let zero = s(0.0);
     let may = mask & !(outer * outer * s(1.0 + 16.0 * U32)).lt(qq);
     if may == 0 {
@@ -217,12 +232,12 @@ fn meet_sphere<S: Simd>(r: &Rays<S>, sphere: &super::filter::FlatSphere, mask: M
     }
     let rr = radius * radius;
     let hh = rr - qq;
-    let dhh = r.pos * (s(4.0) * radius + s(2.0) * r.pos) + s(16.0 * U32) * rr;
+    let dhh = pos * (s(2.0) * radius + s(3.0) * pos) + s(16.0 * U32) * rr;
     let h = hh.max(zero).sqrt();
     let half = h * r.inv_len;
     let dh = (dhh * h.recip()).min(dhh.sqrt());
-    let e = (r.pos + dh) * r.inv_len + s(32.0 * U32) * (mid.abs() + half);
-    let inner = radius - r.pos;
+    let e = (pos + dh) * r.inv_len + s(32.0 * U32) * (mid.abs() + half);
+    let inner = radius - pos;
     let cut = zero.lt(inner) & qq.lt(inner * inner * s(1.0 - 16.0 * U32));
     let (near, far) = (mid - half, mid + half);
     let ahead = zero.lt(near - e);
@@ -244,7 +259,7 @@ fn meet_plane<S: Simd>(r: &Rays<S>, p: &super::filter::FlatPlane, ed: S::Single,
     let at = num * inv;
     let steep = inv.abs();
     let turn = (ed + s(16.0 * U32)) * r.len * steep;
-    let et = (r.pos + s(16.0 * U32 * p.h.abs())) * steep + at.abs() * turn;
+    let et = (r.near + s(16.0 * U32 * p.h.abs())) * steep + at.abs() * turn;
     let et = et * s(2.0);
     let (lo, hi) = (at - et, at + et);
     let zero = s(0.0);

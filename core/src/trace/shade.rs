@@ -7,11 +7,15 @@ use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, plane, sphere, triangle};
 
 /// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic.
-pub(crate) const VALUE: f64 = 1.0 / (1u64 << 16) as f64;
+pub(crate) const VALUE: f64 = 1.0 / (1u64 << 13) as f64;
 
 /// Normals less sure than this ask for wide arithmetic whatever they contribute: beyond it the
 /// bounds' first-order terms would no longer dominate.
-pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 12) as f64;
+pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 11) as f64;
+
+/// Places less sure than this, beside the scene's size and their distance, ask for it too: rays
+/// that leave them would be in doubt about everything within that reach.
+pub(crate) const PLACE: f64 = 1.0 / (1u64 << 14) as f64;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -98,7 +102,8 @@ pub(crate) fn excess<R: Real>(place: &Place<R>, nearest: R, throughput: R) -> R 
     // Where there is no light, any distance will do.
     let distance = nearest.min(R::splat(f64::MAX)).sqrt();
     let effect = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
-    effect.max(place.en - R::splat(NORMAL)).max(R::splat(LEAST_SQUARE) - nearest)
+    let stray = place.ep - R::splat(PLACE) * (R::splat(1.0) + place.p.norm1());
+    effect.max(stray).max(place.en - R::splat(NORMAL)).max(R::splat(LEAST_SQUARE) - nearest)
 }
 
 /// The segment from `place` to `light` as a ray of length 1.

@@ -182,13 +182,16 @@ impl Stage<'_> {
         S::narrow(low.d.x, high.d.x).store(&mut packet.d[0]);
         S::narrow(low.d.y, high.d.y).store(&mut packet.d[1]);
         S::narrow(low.d.z, high.d.z).store(&mut packet.d[2]);
-        let up = s(1.0 + 4.0 * U32);
+        let up = s(1.0 + 8.0 * U32);
         let eo = S::narrow(low.eo, high.eo) * up;
         let ed = S::narrow(low.ed, high.ed) * up;
-        let far = S::narrow(low.o.norm1(), high.o.norm1()) * up;
+        let (x, y, z) = (S::narrow(low.o.x, high.o.x), S::narrow(low.o.y, high.o.y), S::narrow(low.o.z, high.o.z));
+        let far = (x * x + y * y + z * z).sqrt() * up;
         ed.store(&mut packet.ed);
-        let pos = ed.fma(s(1.1), s(24.0 * U32)).fma(far + s(self.filter.reach), eo);
-        (pos * up).store(&mut packet.pos);
+        let turn = ed * s(1.1) + s(10.0 * U32);
+        ((eo + far * (turn + s(2.0 * U32))) * up).store(&mut packet.near);
+        (turn * up).store(&mut packet.per);
+        ((eo + turn * (far + s(self.filter.reach))) * s(1.1)).store(&mut packet.pad);
         // Squares of lengths that f32 holds to its full precision.
         let (x, y, z) = (S::narrow(low.d.x, high.d.x), S::narrow(low.d.y, high.d.y), S::narrow(low.d.z, high.d.z));
         let dd = x * x + y * y + z * z;
