@@ -179,7 +179,9 @@ fn coordinator() -> Result<PathBuf> {
     {
         let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml");
         let built = Command::new(cargo)
-            .args(["build", "--release", "--package", "coordinator", "--bin", "coordinator", "--manifest-path"])
+            // Both packages, so that dependencies have the features that they have for this program.
+            .args(["build", "--release", "--package", "tessera-tests", "--package", "coordinator"])
+            .args(["--bin", "coordinator", "--manifest-path"])
             .arg(manifest)
             .arg("--target-dir")
             .arg(target)
