@@ -1,5 +1,6 @@
 //! A scene file, and what is wrong with it.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -9,6 +10,9 @@ use tessera_core::xml::{self, Diagnostic, ReadOptions, Severity};
 
 use super::console::{Console, Tone};
 use super::exit::{Exit, Failure};
+
+/// Warnings of one kind that people are shown: a mesh may have thousands.
+const ALIKE: usize = 4;
 
 /// What a scene file came to.
 #[derive(Debug)]
@@ -49,9 +53,21 @@ impl Read {
             let tone = if severity == Severity::Error { Tone::Error } else { Tone::Warning };
             console.paint(tone, text)
         };
+        let mut warnings: BTreeMap<&str, usize> = BTreeMap::new();
         for diagnostic in &self.diagnostics {
+            if diagnostic.severity == Severity::Warning {
+                let told = warnings.entry(diagnostic.code.as_str()).or_default();
+                *told += 1;
+                if *told > ALIKE {
+                    continue;
+                }
+            }
             console.say(&diagnostic.render(&paint));
             console.say("");
+        }
+        for (code, told) in warnings.into_iter().filter(|(_, told)| *told > ALIKE) {
+            let kind = console.paint(Tone::Warning, &format!("warning[{code}]"));
+            console.say(&format!("{kind}: {} more like these; check --json lists them\n", told - ALIKE));
         }
         if let Some(omitted) = &self.omitted {
             console.say(&format!("{omitted}\n"));
