@@ -473,7 +473,8 @@ mod tests {
             let p = (B::new(a) * B::new(b)).to_f64();
             prop_assert_eq!(p, a * b);
             prop_assert_eq!((B::new(a) + B::new(b)).to_f64(), a + b);
-            if b != 0.0 && (a / b).is_finite() {
+            // Quotients are truncated; only among the denormals can one lie half-way between two f64.
+            if b != 0.0 && (a / b).is_normal() {
                 prop_assert_eq!(B::new(a).over(B::new(b)).to_f64(), a / b);
             }
         }

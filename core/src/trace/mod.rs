@@ -22,11 +22,12 @@ pub use camera::PlanePoint;
 pub use condition::Condition;
 pub use prepared::{PreparedScene, RayHit};
 
+use crate::film::transfer::to_linear;
 use crate::film::{Region, Tile};
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
 use crate::scene::{PictureId, Pigment};
-use crate::settings::{Sampling, Settings, Transfer};
+use crate::settings::{Sampling, Settings};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 use texture::{Mapping, Texels};
@@ -99,14 +100,6 @@ pub struct Tracer {
 
 /// Pixels along the edge of the blocks that threads take.
 const BLOCK: u32 = 16;
-
-fn to_linear(transfer: Transfer, x: f64) -> f64 {
-    match transfer {
-        Transfer::Linear => x,
-        Transfer::Srgb if x <= 0.04045 => x / 12.92,
-        Transfer::Srgb => libm::pow((x + 0.055) / 1.055, 2.4),
-    }
-}
 
 impl Tracer {
     /// A tracer of `prepared` under `settings`.

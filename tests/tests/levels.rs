@@ -1,0 +1,45 @@
+//! Every instruction set gives the same bits and traces the same rays.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use tessera_core::film::Region;
+use tessera_core::settings::{Sampling, Settings, Transfer, View};
+use tessera_core::simd::Level;
+use tessera_core::trace::{PreparedScene, Tracer};
+use tessera_core::xml::{ReadOptions, read_file};
+
+/// Bits of the picture and counts of rays of one of the scenes beside the tests.
+fn render(scene: &str, level: Level, samples: u64) -> (Vec<[u32; 3]>, [u64; 3]) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(scene);
+    let read = read_file(&path, &ReadOptions::default()).expect("the scene is valid");
+    let settings = Settings {
+        view: View::new(101, 67, 1.0, 1.0).expect("a view"),
+        max_depth: 80,
+        sampling: Sampling::uniform(samples).expect("a square"),
+        transfer: Transfer::Srgb,
+    };
+    let prepared = Arc::new(PreparedScene::build(Arc::new(read.scene)));
+    let tracer = Tracer::new(prepared, settings).expect("settings are in range").with_level(level);
+    let (tile, counts) = tracer.render(Region::new(0, 0, 101, 67).expect("not empty"));
+    let bits = tile.pixels.iter().map(|p| p.map(f32::to_bits)).collect();
+    (bits, [counts.camera, counts.mirror, counts.shadow])
+}
+
+#[test]
+fn all_levels_agree_bit_for_bit() {
+    let levels = Level::all();
+    assert_eq!(levels[0], Level::Scalar);
+    println!("levels of this machine: {levels:?}");
+    for scene in ["demo.xml", "mirrors.xml", "lights.xml", "sphereflake2.xml", "terrain8.xml", "knot.xml"] {
+        for samples in [1, 4] {
+            let plain = render(scene, Level::Scalar, samples);
+            for &level in &levels[1..] {
+                let wide = render(scene, level, samples);
+                let differ = plain.0.iter().zip(&wide.0).filter(|(a, b)| a != b).count();
+                assert_eq!(differ, 0, "{scene} at {level:?}, {samples} samples: pixels differ");
+                assert_eq!(plain.1, wide.1, "{scene} at {level:?}: other rays were traced");
+            }
+        }
+    }
+}
