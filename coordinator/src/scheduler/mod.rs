@@ -60,7 +60,7 @@ pub(crate) use message::{Config, CutOff, Effect, End, Event, WorkerKey};
 use worker::{Phase, Worker};
 
 /// The most of a worker's time that one tile should take.
-pub(crate) const LONGEST: Duration = Duration::from_millis(250);
+pub(crate) const LONGEST: Duration = Duration::from_millis(100);
 /// The least of a worker's time that is worth a tile of its own.
 pub(crate) const SHORTEST: Duration = Duration::from_micros(1500);
 /// Leases that one tile has at once, at most.

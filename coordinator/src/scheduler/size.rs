@@ -65,10 +65,11 @@ impl Scheduler {
         let share = f64::from(w.threads) / (threads + missing);
         let Some(rate) = self.rate_of(worker) else {
             let probe = PROBE * f64::from(w.threads) / f64::from(self.config.samples);
-            return (left * share / 2.0).max(LEAST_PROBE).min(probe.max(64.0)) as u64;
+            return (left * share / 4.0).max(LEAST_PROBE).min(probe.max(64.0)) as u64;
         };
         let all: f64 = self.workers.iter().filter(|(_, w)| w.is_fit()).filter_map(|(&k, _)| self.rate_of(k)).sum();
-        let fair = left * rate / (all + missing * rate) / 2.0;
+        // A quarter of what is left, since one part of a picture can cost many times another.
+        let fair = left * rate / (all + missing * rate) / 4.0;
         // The ceiling is what counts where the two disagree: a slow worker's least is still little.
         fair.max(rate * SHORTEST.as_secs_f64()).min(rate * LONGEST.as_secs_f64()).max(64.0) as u64
     }
