@@ -17,8 +17,9 @@ impl ErrorEstimate {
     pub const SHIFT: u32 = 30;
     /// The largest expected squared error that a pixel can have here.
     const MOST: f64 = 1.0;
-    /// How many standard deviations a pixel's error bound is.
-    pub const DEVIATIONS: f64 = 3.0;
+    /// How many standard deviations a pixel's error bound is. Misplaced edges are not noise: errors
+    /// beyond three are more frequent than a normal distribution's.
+    pub const DEVIATIONS: f64 = 4.0;
 
     /// Adds a pixel whose error's variance is `variance`.
     pub fn add_pixel(&mut self, variance: f64) {

@@ -130,13 +130,13 @@ impl Block<'_> {
                 centre: NONE,
             };
             feature::look(&mut self.store, (x, y), &cell, pixel, &mut looks);
-            let busy = corners.busy(&self.store, (x, y), tolerance);
+            let busy = corners.busy((x, y), tolerance);
             let mut looked = 0;
             if HIDDEN[0] * busy > tolerance {
                 cell.centre = self.store.ask(cell.x + UNIT / 2, cell.y + UNIT / 2, Want::From(1));
                 looked = 1;
             }
-            let divide = HIDDEN[1] * busy > DIVIDE * tolerance;
+            let divide = HIDDEN[1] * busy > tolerance;
             if divide {
                 looked = 2;
             }
