@@ -334,7 +334,8 @@ impl TryFrom<wire::RayCounts> for RayCounts {
 
 impl From<ErrorEstimate> for wire::ErrorEstimate {
     fn from(e: ErrorEstimate) -> Self {
-        Self { pixels: e.pixels, squares: e.squares, worst: e.worst }
+        let ErrorEstimate { pixels, squares, weight_squares, depth_squares, worst } = e;
+        Self { pixels, squares, worst, weight_squares, depth_squares }
     }
 }
 
@@ -344,10 +345,12 @@ impl TryFrom<wire::ErrorEstimate> for ErrorEstimate {
     fn try_from(e: wire::ErrorEstimate) -> Result<Self, Malformed> {
         // A pixel's square is at most full scale's, and rounded up.
         let most = e.pixels.checked_mul((1 << Self::SHIFT) + 1);
-        if e.pixels > MAX_TILE_PIXELS || most.is_none_or(|most| e.squares > most) {
+        let wire::ErrorEstimate { pixels, squares, worst, weight_squares, depth_squares } = e;
+        let largest = squares.max(weight_squares).max(depth_squares);
+        if pixels > MAX_TILE_PIXELS || most.is_none_or(|most| largest > most) {
             return Err(Malformed::Range("an error"));
         }
-        Ok(Self { pixels: e.pixels, squares: e.squares, worst: e.worst })
+        Ok(Self { pixels, squares, weight_squares, depth_squares, worst })
     }
 }
 
