@@ -26,7 +26,7 @@ use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{ObjectId, Ray, Real, U, V3};
 use crate::scene::{PictureId, Pigment};
-use crate::simd::{Double, Kernel, LANES, Simd, Single};
+use crate::simd::{Double, Kernel, LANES, Simd, Single, prefetch};
 
 /// The most paths of a wave.
 pub(crate) const PATHS: usize = 512;
@@ -217,6 +217,7 @@ impl Stage<'_> {
             packet.active = all & near;
             packet::closest::<S>(self.filter, self.wide, packet, walk);
             places.met[at..at + count].copy_from_slice(&walk.best[..count]);
+            self.expect(&walk.best);
             let mut open = all & !near;
             for d in &walk.doubts {
                 open |= 1 << d.lane;
@@ -233,6 +234,16 @@ impl Stage<'_> {
                 let candidates = (near >> lane & 1 == 1).then_some(candidates);
                 paths.settle(rays, at + lane, candidates, places);
             }
+        }
+    }
+
+    /// Asks memory for the triangles that will be shaded.
+    #[inline(always)]
+    fn expect(&self, met: &[u32; LANES]) {
+        let scene = &self.tracer.prepared.scene;
+        let first = (scene.planes().len() + scene.spheres().len()) as u32;
+        for id in met {
+            prefetch(scene.triangles(), (id & !INSIDE).wrapping_sub(first) as usize, 1);
         }
     }
 
