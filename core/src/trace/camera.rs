@@ -54,14 +54,14 @@ impl Frame {
         Self { grid, width: view.width(), height: view.height(), location, exact, forward, right, up }
     }
 
-    /// The centre of cell (a, b) of pixel (i, j), a to the right, b down.
-    pub(crate) fn point(&self, (i, j): (u32, u32), (a, b): (u32, u32)) -> PlanePoint {
+    /// The centre of cell (x, y) of the picture's grid, x to the right, y down.
+    pub(crate) fn cell(&self, x: u32, y: u32) -> PlanePoint {
         let n = i64::from(self.grid);
-        let at = |pixel: u32, cell: u32| 2 * n * i64::from(pixel) + 2 * i64::from(cell) + 1;
-        let x = at(i, a) - n * i64::from(self.width);
-        let y = n * i64::from(self.height) - at(j, b);
         // At most 2 · 64 · 65536 in magnitude.
-        PlanePoint { x: x as i32, y: y as i32 }
+        PlanePoint {
+            x: (2 * i64::from(x) + 1 - n * i64::from(self.width)) as i32,
+            y: (n * i64::from(self.height) - 2 * i64::from(y) - 1) as i32,
+        }
     }
 
     /// The ray through `p`, in local space.

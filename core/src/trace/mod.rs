@@ -155,7 +155,7 @@ impl Tracer {
         let blocks = region.blocks(BLOCK);
         let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
             .into_par_iter()
-            .map_init(WaveScratch::default, |scratch, block| {
+            .map_init(BlockScratch::default, |scratch, block| {
                 let mut counts = RayCounts::default();
                 let pixels = self.block(block, scratch, &mut counts);
                 (block, pixels, counts)
@@ -222,27 +222,27 @@ impl Tracer {
         }
     }
 
-    fn block(&self, block: Region, scratch: &mut WaveScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
+    fn block(&self, block: Region, scratch: &mut BlockScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
         let n = self.grid;
-        let share = 1.0 / f64::from(n * n);
         let (width, height) = (block.width() * n, block.height() * n);
-        // Packets are squares of 4 × 4 neighbouring samples.
-        let mut places = Vec::with_capacity((width * height) as usize);
-        for y0 in (0..height).step_by(4) {
-            for x0 in (0..width).step_by(4) {
-                for y in y0..height.min(y0 + 4) {
-                    places.extend((x0..width.min(x0 + 4)).map(|x| (x, y)));
-                }
+        let BlockScratch { points, samples, ordered, wave } = scratch;
+        points.clear();
+        packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
+        samples.clear();
+        samples.resize(points.len(), Sample { radiance: DVec3::ZERO, signature: 0 });
+        self.trace(points, false, samples, wave, counts);
+        ordered.resize(points.len(), DVec3::ZERO);
+        let mut done = samples.iter();
+        packets(width, height, |x, y| {
+            if let Some(sample) = done.next() {
+                ordered[(y * width + x) as usize] = sample.radiance;
             }
+        });
+        let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
+        if n == 1 {
+            return ordered.iter().map(|&v| single(v)).collect();
         }
-        let point = |&(x, y): &(u32, u32)| self.frame.point((block.x0 + x / n, block.y0 + y / n), (x % n, y % n));
-        let points: Vec<PlanePoint> = places.iter().map(point).collect();
-        let mut samples = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
-        self.trace(&points, false, &mut samples, scratch, counts);
-        let mut ordered = vec![DVec3::ZERO; points.len()];
-        for (&(x, y), s) in places.iter().zip(&samples) {
-            ordered[(y * width + x) as usize] = s.radiance;
-        }
+        let share = 1.0 / f64::from(n * n);
         let mut pixels = Vec::with_capacity(block.area() as usize);
         for j in 0..block.height() {
             for i in 0..block.width() {
@@ -251,9 +251,32 @@ impl Tracer {
                     let row = ((j * n + b) * width + i * n) as usize;
                     sum = ordered[row..row + n as usize].iter().fold(sum, |sum, &x| sum + x);
                 }
-                pixels.push((sum * share).to_array().map(|c| c as f32));
+                pixels.push(single(sum * share));
             }
         }
         pixels
+    }
+}
+
+/// Memory of a thread that renders blocks.
+#[derive(Default)]
+struct BlockScratch {
+    points: Vec<PlanePoint>,
+    samples: Vec<Sample>,
+    ordered: Vec<DVec3>,
+    wave: WaveScratch,
+}
+
+/// Visits the cells of a grid so that sixteen in a row make a packet: squares of 4 × 4.
+#[inline(always)]
+fn packets(width: u32, height: u32, mut visit: impl FnMut(u32, u32)) {
+    for y0 in (0..height).step_by(4) {
+        for x0 in (0..width).step_by(4) {
+            for y in y0..height.min(y0 + 4) {
+                for x in x0..width.min(x0 + 4) {
+                    visit(x, y);
+                }
+            }
+        }
     }
 }
