@@ -54,6 +54,11 @@ pub(crate) struct Span {
 }
 
 impl Span {
+    /// The computed distance; infinite where anything is possible.
+    pub(crate) fn middle(&self) -> f64 {
+        0.5 * self.lo + 0.5 * self.hi
+    }
+
     /// t ± e of a sure member of the object: sure if surely in front of the start, `None` if surely not.
     pub(crate) fn around(t: f64, e: f64, inside: bool) -> Option<Self> {
         let (lo, hi) = (t - e, t + e);

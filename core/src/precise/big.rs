@@ -77,6 +77,12 @@ impl<const N: usize> Big<N> {
         if self.is_zero() { i64::MIN } else { self.exponent }
     }
 
+    /// |self| / 2^exponent, in [1/2, 1], to f64's precision; 0 for zero.
+    pub(crate) fn leading(&self) -> f64 {
+        // 2^−64 · the top limb.
+        self.limbs[N - 1] as f64 * f64::from_bits((1023 - 64) << 52)
+    }
+
     /// self · 2^k, exactly.
     #[must_use]
     pub fn scale(self, k: i64) -> Self {

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::arbiter::{ExactRay, LAST};
 use crate::geometry::{Ray, U, V3};
-use crate::precise::{Big, Vector};
+use crate::precise::{Big, Bound, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
 
@@ -33,6 +33,8 @@ pub(crate) struct Frame {
     height: u32,
     location: DVec3,
     exact: [Vector<LAST>; 3],
+    /// What `exact` has lost where the sky is almost the view's direction.
+    turn: Bound,
     pub(crate) forward: DVec3,
     pub(crate) right: DVec3,
     pub(crate) up: DVec3,
@@ -42,7 +44,10 @@ impl Frame {
     pub(crate) fn new(camera: &Camera, view: &View, grid: u32) -> Self {
         let location = camera.location();
         let f = (Vector::new(camera.look_at()) - Vector::new(location)).normalize();
-        let r = Vector::new(camera.sky()).cross(&f).normalize();
+        let sky = Vector::new(camera.sky());
+        let across = sky.cross(&f);
+        let r = across.normalize();
+        let turn = (Bound::of(&sky.length()) * Bound::power(16 - 64 * LAST as i64)).over(&across.length());
         let u = f.cross(&r);
         let units = 2.0 * f64::from(grid) * f64::from(view.height());
         let distance = (Big::new(view.zoom()) * Big::new(units)).over(Big::new(view.plane_height()));
@@ -51,7 +56,7 @@ impl Frame {
         let scale = -distance.exponent().max(widest.exponent());
         let exact = [(f * distance).scale(scale), r.scale(scale), u.scale(scale)];
         let [forward, right, up] = exact.map(|v| v.to_f64());
-        Self { grid, width: view.width(), height: view.height(), location, exact, forward, right, up }
+        Self { grid, width: view.width(), height: view.height(), location, exact, turn, forward, right, up }
     }
 
     /// The centre of cell (x, y) of the picture's grid, x to the right, y down.
@@ -81,6 +86,6 @@ impl Frame {
     pub(crate) fn exact_ray<const N: usize>(&self, p: PlanePoint) -> ExactRay<N> {
         let [f, r, u] = self.exact.map(|v| v.resize());
         let d = f + r * Big::new(f64::from(p.x)) + u * Big::new(f64::from(p.y));
-        ExactRay { o: Vector::new(self.location), d, from: None }
+        ExactRay::new(self.location, d, self.turn)
     }
 }

@@ -8,104 +8,135 @@ use super::camera::PlanePoint;
 use crate::geometry::ObjectId;
 
 /// The path in numbers of one width.
-struct ExactPath<'a, const N: usize> {
-    tracer: &'a Tracer,
-    point: PlanePoint,
+struct ExactPath<const N: usize> {
     /// Decisions followed, and the ray after them.
-    at: Option<(usize, ExactRay<N>)>,
+    done: usize,
+    ray: ExactRay<N>,
+    /// The digits are used up: nothing more can be told.
+    lost: bool,
 }
 
-impl<const N: usize> ExactPath<'_, N> {
-    /// The ray after all decisions of `trail`.
-    fn ray(&mut self, trail: &[Decision]) -> Result<ExactRay<N>, Unsure> {
-        let (mut done, mut ray) = self.at.unwrap_or_else(|| (0, self.tracer.frame.exact_ray(self.point)));
-        let scene = &self.tracer.prepared.scene;
-        for &decision in &trail[done..] {
-            ray = arbiter::hit(scene, &ray, decision)?.reflect(&ray.d);
-            done += 1;
+impl<const N: usize> ExactPath<N> {
+    fn new(tracer: &Tracer, point: PlanePoint) -> Self {
+        Self { done: 0, ray: tracer.frame.exact_ray(point), lost: false }
+    }
+
+    /// The ray after all decisions of the trail.
+    fn ray(&mut self, case: &Case<'_>) -> Result<ExactRay<N>, Unsure> {
+        while !self.lost && self.done < case.trail.len() {
+            match arbiter::hit(&case.tracer.prepared.scene, &self.ray, case.trail[self.done]) {
+                Ok(hit) => self.ray = hit.reflect(&self.ray.d),
+                Err(Unsure) => self.lost = true,
+            }
+            self.done += 1;
         }
-        self.at = Some((done, ray));
-        Ok(ray)
+        if self.lost { Err(Unsure) } else { Ok(self.ray) }
     }
+}
 
-    /// The point met by the ray after all decisions of `trail`.
-    fn hit(&mut self, trail: &[Decision], decision: Decision) -> Result<ExactHit<N>, Unsure> {
-        let ray = self.ray(trail)?;
-        arbiter::hit(&self.tracer.prepared.scene, &ray, decision)
-    }
+/// What is asked about: a path, by its decisions so far, which only ever grow.
+#[derive(Clone, Copy)]
+pub(crate) struct Case<'a> {
+    pub(crate) tracer: &'a Tracer,
+    pub(crate) point: PlanePoint,
+    pub(crate) trail: &'a [Decision],
+}
 
-    fn closest(&mut self, trail: &[Decision], candidates: &[ObjectId]) -> Result<Option<Decision>, Unsure> {
-        let found = arbiter::closest(&self.tracer.prepared.scene, &self.ray(trail)?, candidates.iter().copied())?;
+/// A question about a path, put at one width.
+trait Question {
+    type Answer;
+    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<Self::Answer, Unsure>;
+}
+
+/// Which of some objects the path meets next.
+struct Closest<'a>(&'a [ObjectId]);
+
+impl Question for Closest<'_> {
+    type Answer = Option<Decision>;
+    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<Option<Decision>, Unsure> {
+        let found = arbiter::closest(&case.tracer.prepared.scene, ray, self.0.iter().copied())?;
         Ok(found.map(|(decision, _)| decision))
     }
+}
 
-    fn occluded(
-        &mut self,
-        trail: &[Decision],
-        met: Decision,
-        light: DVec3,
-        candidates: &[ObjectId],
-    ) -> Result<bool, Unsure> {
-        let segment = self.hit(trail, met)?.towards(light);
-        arbiter::occluded(&self.tracer.prepared.scene, &segment, candidates.iter().copied())
+/// Whether one of some objects stands between the point met and a light.
+struct Occluded<'a> {
+    met: Decision,
+    light: DVec3,
+    candidates: &'a [ObjectId],
+}
+
+impl Question for Occluded<'_> {
+    type Answer = bool;
+    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<bool, Unsure> {
+        let scene = &case.tracer.prepared.scene;
+        let segment = arbiter::hit(scene, ray, self.met)?.towards(self.light);
+        arbiter::occluded(scene, &segment, self.candidates.iter().copied())
     }
 }
 
-/// Mirrors that a path in the first width may have behind it: each can cost it several bits.
-const SHORT: usize = 8;
-
-/// Coordinates of 2^FAR and more lose too much of their fraction to the first width.
-const FAR: i64 = 128;
-
-/// The path at both widths. Each question gives the decisions so far, which only ever grow.
-pub(crate) struct Court<'a> {
-    first: ExactPath<'a, FIRST>,
-    last: ExactPath<'a, LAST>,
+/// The point met, and the direction mirrored there if that is `mirrored` on.
+struct Hit {
+    met: Decision,
+    mirrored: bool,
 }
 
-impl<'a> Court<'a> {
-    pub(crate) fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
-        Self { first: ExactPath { tracer, point, at: None }, last: ExactPath { tracer, point, at: None } }
+impl Question for Hit {
+    type Answer = (ExactHit<LAST>, DVec3);
+    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<Self::Answer, Unsure> {
+        let hit = arbiter::hit(&case.tracer.prepared.scene, ray, self.met)?;
+        if !hit.is_known() {
+            return Err(Unsure);
+        }
+        let d = if self.mirrored { hit.reflect(&ray.d).d.to_f64() } else { DVec3::ZERO };
+        Ok((hit.resize(), d))
+    }
+}
+
+/// The path at both widths, each as far as it was needed.
+#[derive(Default)]
+pub(crate) struct Court {
+    first: Option<ExactPath<FIRST>>,
+    last: Option<Box<ExactPath<LAST>>>,
+    /// The path that the last width gives if its numbers are taken as they are.
+    given: Option<Box<ExactPath<LAST>>>,
+}
+
+impl Court {
+    /// Whether something was asked that even the last width could not tell.
+    pub(crate) fn unresolved(&self) -> bool {
+        self.given.is_some()
+    }
+
+    fn ask<Q: Question>(&mut self, case: &Case<'_>, question: &Q) -> Option<Q::Answer> {
+        let Case { tracer, point, .. } = *case;
+        let first = self.first.get_or_insert_with(|| ExactPath::new(tracer, point));
+        if let Ok(answer) = first.ray(case).and_then(|ray| question.ask(case, &ray)) {
+            return Some(answer);
+        }
+        let last = self.last.get_or_insert_with(|| Box::new(ExactPath::new(tracer, point)));
+        if let Ok(answer) = last.ray(case).and_then(|ray| question.ask(case, &ray)) {
+            return Some(answer);
+        }
+        let given = self.given.get_or_insert_with(|| {
+            let path = ExactPath::new(tracer, point);
+            Box::new(ExactPath { ray: path.ray.taken_as_it_is(), ..path })
+        });
+        given.ray(case).and_then(|ray| question.ask(case, &ray)).ok()
     }
 
     /// Which of `candidates` the path meets next.
-    pub(crate) fn closest(&mut self, trail: &[Decision], candidates: &[ObjectId]) -> Option<Decision> {
-        if trail.len() <= SHORT
-            && let Ok(found) = self.first.closest(trail, candidates)
-        {
-            return found;
-        }
-        self.last.closest(trail, candidates).ok().flatten()
+    pub(crate) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Decision> {
+        self.ask(case, &Closest(candidates)).flatten()
     }
 
     /// Whether one of `candidates` stands between the point met and `light`.
-    pub(crate) fn occluded(
-        &mut self,
-        trail: &[Decision],
-        met: Decision,
-        light: DVec3,
-        candidates: &[ObjectId],
-    ) -> bool {
-        if trail.len() <= SHORT
-            && let Ok(occluded) = self.first.occluded(trail, met, light, candidates)
-        {
-            return occluded;
-        }
-        self.last.occluded(trail, met, light, candidates).unwrap_or(false)
+    pub(crate) fn occluded(&mut self, case: &Case<'_>, met: Decision, light: DVec3, candidates: &[ObjectId]) -> bool {
+        self.ask(case, &Occluded { met, light, candidates }).unwrap_or(false)
     }
 
-    /// The point met and the direction mirrored there. The widest numbers are never unsure.
-    pub(crate) fn hit(&mut self, trail: &[Decision], met: Decision) -> Option<(ExactHit<LAST>, DVec3)> {
-        if trail.len() <= SHORT
-            && let Ok(hit) = self.first.hit(trail, met)
-            && let Ok(ray) = self.first.ray(trail)
-            // A picture's place on a plane is what is left of a coordinate modulo 1.
-            && hit.p.exponent() < FAR
-        {
-            return Some((hit.resize(), hit.reflect(&ray.d).d.to_f64()));
-        }
-        let hit = self.last.hit(trail, met).ok()?;
-        let ray = self.last.ray(trail).ok()?;
-        Some((hit, hit.reflect(&ray.d).d.to_f64()))
+    /// The point met and, where it is asked for, the direction mirrored there.
+    pub(crate) fn hit(&mut self, case: &Case<'_>, met: Decision, mirrored: bool) -> Option<(ExactHit<LAST>, DVec3)> {
+        self.ask(case, &Hit { met, mirrored })
     }
 }

@@ -44,6 +44,22 @@ pub struct RayCounts {
     pub shadow: u64,
     /// Decisions and values that plain f64 left open and wider numbers settled.
     pub refined: u64,
+    /// Samples of which something was taken from wider numbers as they were, though their proven
+    /// error left it open: paths so long and curved that they use up any number of digits.
+    pub unresolved: u64,
+}
+
+/// Whether wide arithmetic decides what f64 leaves open.
+///
+/// For benches, to show what exactness costs: no setting, message or command reaches this.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Refinement {
+    /// As the image model demands.
+    #[default]
+    On,
+    /// What f64 leaves open goes by f64's own value. Pictures may be wrong.
+    Off,
 }
 
 impl std::ops::AddAssign for RayCounts {
@@ -52,6 +68,7 @@ impl std::ops::AddAssign for RayCounts {
         self.mirror += o.mirror;
         self.shadow += o.shadow;
         self.refined += o.refined;
+        self.unresolved += o.unresolved;
     }
 }
 
@@ -96,6 +113,7 @@ pub struct Tracer {
     /// Whether any surface mirrors.
     mirrors: bool,
     level: Level,
+    refinement: Refinement,
 }
 
 /// Pixels along the edge of the blocks that threads take.
@@ -129,6 +147,7 @@ impl Tracer {
             grid,
             mirrors: materials.iter().any(|m| m.reflect > 0.0),
             level: Level::best(),
+            refinement: Refinement::On,
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
             background: linear(scene.background()),
@@ -183,6 +202,14 @@ impl Tracer {
     pub fn with_level(self, level: Level) -> Self {
         assert!(Level::all().contains(&level), "{level:?} is not offered by this machine");
         Self { level, ..self }
+    }
+
+    /// The same tracer with or without wide arithmetic. For benches alone: without it, pictures
+    /// may be wrong.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_refinement(self, refinement: Refinement) -> Self {
+        Self { refinement, ..self }
     }
 
     /// What each of `points` shows, in their order; units are 1/(2·grid) pixel of the settings' sampling.

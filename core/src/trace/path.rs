@@ -4,11 +4,11 @@ use glam::DVec3;
 
 use super::arbiter::{self, Decision};
 use super::camera::PlanePoint;
-use super::court::Court;
+use super::court::{Case, Court};
 use super::query::{Closest, Occluded, Scratch};
 use super::shade::{self, Place};
 use super::texture;
-use super::{RayCounts, Sample, Tracer};
+use super::{RayCounts, Refinement, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
@@ -35,7 +35,8 @@ impl Tracer {
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
-        let mut exact = Court::new(self, point);
+        let mut court = Court::default();
+        let refines = self.refinement == Refinement::On;
         let mut ray = self.frame.ray(point);
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
@@ -43,29 +44,34 @@ impl Tracer {
         let mut signature = 0;
         counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
+            let case = Case { tracer: self, point, trail };
             let decision = match self.prepared.closest(&ray, from, query) {
                 Closest::Nothing => None,
                 Closest::Sure(decision) => Some(decision),
+                Closest::Doubt if !refines => query.likely_closest(),
                 Closest::Doubt => {
                     counts.refined += 1;
-                    exact.closest(trail, &query.candidates().collect::<Vec<_>>())
+                    court.closest(&case, &query.candidates().collect::<Vec<_>>())
                 }
             };
             let Some(decision) = decision else {
+                counts.unresolved += u64::from(court.unresolved());
                 return Sample { radiance: sum + self.background * throughput, signature: mix(signature, u64::MAX) };
             };
             signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
-            let mut wide = if self.too_wide(&place, throughput) { exact.hit(trail, decision) } else { None };
+            let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
+            let too_wide = refines && self.too_wide(&place, throughput);
+            let mut wide = if too_wide { court.hit(&case, decision, goes_on) } else { None };
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
                 let size = f64::from(picture_data.width().max(picture_data.height()));
                 let (mut uv, e) =
                     texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &place, &ray);
-                if wide.is_none() && !(e * size <= texture::TEXEL) {
-                    wide = exact.hit(trail, decision);
+                if refines && wide.is_none() && !(e * size <= texture::TEXEL) {
+                    wide = court.hit(&case, decision, goes_on);
                 }
                 if let Some((hit, _)) = &wide {
                     uv = texture::exact_coordinates(scene, &self.mappings, hit);
@@ -94,10 +100,11 @@ impl Tracer {
                     let blocked = match self.prepared.occluded(&shadow, Some(decision), query) {
                         Occluded::No => false,
                         Occluded::Yes => true,
+                        Occluded::Doubt if !refines => query.likely_occluded(),
                         Occluded::Doubt => {
                             counts.refined += 1;
                             let candidates: Vec<_> = query.candidates().collect();
-                            exact.occluded(trail, decision, scene.lights()[k], &candidates)
+                            court.occluded(&case, decision, scene.lights()[k], &candidates)
                         }
                     };
                     if !blocked {
@@ -109,7 +116,7 @@ impl Tracer {
                 sum += color * (throughput * lit);
             }
             throughput *= material.reflect;
-            if throughput == 0.0 || depth == self.settings.max_depth {
+            if !goes_on {
                 break;
             }
             counts.mirror += 1;
@@ -120,6 +127,7 @@ impl Tracer {
             trail.push(decision);
             from = Some(decision);
         }
+        counts.unresolved += u64::from(court.unresolved());
         Sample { radiance: sum, signature }
     }
 

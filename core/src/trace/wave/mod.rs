@@ -19,7 +19,7 @@ use super::packet::{self, INSIDE, NONE, Packet, U32, Walk};
 use super::path::{PathScratch, mix};
 use super::shade::{self, Place};
 use super::texture;
-use super::{RayCounts, Sample, Tracer};
+use super::{RayCounts, Refinement, Sample, Tracer};
 use crate::bvh::{Boxes, Wide};
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
@@ -125,12 +125,15 @@ impl Kernel for Wave<'_> {
         }
         self.counts.camera += n as u64;
         self.counts.refined += paths.refined;
+        let unresolved = paths.unresolved();
+        self.counts.unresolved += unresolved.iter().filter(|u| **u).count() as u64;
         self.counts.mirror += paths.mirrors.iter().map(|&n| u64::from(n)).sum::<u64>();
         self.counts.shadow += paths.shadows.iter().map(|&n| u64::from(n)).sum::<u64>();
         // Rays are left only where a wave keeps fewer steps than the paths may have.
         for &k in &rays.path {
             let k = k as usize;
             self.counts.camera -= 1;
+            self.counts.unresolved -= u64::from(unresolved.get(k).is_some_and(|u| *u));
             self.counts.mirror -= u64::from(mirrors[k]);
             self.counts.shadow -= u64::from(shadow_counts[k]);
             self.out[k] = self.tracer.sample(self.points[k], path, self.counts);
@@ -328,6 +331,9 @@ impl Stage<'_> {
     /// Finds the places that f64 does not know well enough, and takes them from wide arithmetic.
     #[inline(always)]
     fn refine<S: Simd>(&self, rays: &Rays, places: &mut Places, paths: &mut Paths) {
+        if self.tracer.refinement == Refinement::Off {
+            return;
+        }
         for at in (0..rays.len()).step_by(8) {
             let place = places.eight::<S>(at);
             let mut nearest = S::Double::splat(f64::INFINITY);
@@ -400,7 +406,8 @@ impl Stage<'_> {
         let (uv, e) = texture::coordinates(scene, &tracer.prepared.local, &tracer.mappings, met, &place, &ray);
         let data = &scene.pictures()[picture.0 as usize];
         let size = f64::from(data.width().max(data.height()));
-        (e * size <= texture::TEXEL).then(|| tracer.picture_color(picture, uv, met.id))
+        let fine = e * size <= texture::TEXEL || tracer.refinement == Refinement::Off;
+        fine.then(|| tracer.picture_color(picture, uv, met.id))
     }
 
     /// Adds up the light that reaches each place.

@@ -6,11 +6,11 @@ use crate::geometry::{ObjectId, U, V3};
 use crate::scene::Pigment;
 use crate::trace::arbiter::{self, Decision, ExactHit, LAST};
 use crate::trace::camera::PlanePoint;
-use crate::trace::court::Court;
+use crate::trace::court::{Case, Court};
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
 use crate::trace::shade::{self, Place};
-use crate::trace::{Sample, Tracer, texture};
+use crate::trace::{Refinement, Sample, Tracer, texture};
 
 use super::lanes::{Places, Rays};
 
@@ -26,7 +26,7 @@ pub(super) struct Paths<'a> {
     pub(super) trails: &'a mut Vec<Vec<u32>>,
     pub(super) query: &'a mut Scratch,
     /// Wide arithmetic of the paths that needed it; empty until one does.
-    pub(super) courts: Vec<Option<Box<Court<'a>>>>,
+    pub(super) courts: Vec<Option<Box<Court>>>,
     /// Points met at this step that f64 does not place well enough, and directions mirrored there.
     pub(super) hits: Vec<(ExactHit<LAST>, DVec3)>,
     pub(super) refined: u64,
@@ -35,16 +35,21 @@ pub(super) struct Paths<'a> {
     pub(super) signatures: bool,
 }
 
-impl<'a> Paths<'a> {
-    /// The court of `path`, and what that path met before this step.
-    fn court(&mut self, path: usize) -> (&mut Court<'a>, Vec<Decision>) {
+impl Paths<'_> {
+    /// Puts a question about `path` to its court, with what that path met before this step.
+    fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Court, &Case<'_>) -> A) -> A {
         self.refined += 1;
         if self.courts.is_empty() {
             self.courts.resize_with(self.points.len(), || None);
         }
-        let trail = self.trails[..self.step].iter().filter_map(|met| decision(met[path])).collect();
-        let (tracer, point) = (self.tracer, self.points[path]);
-        (self.courts[path].get_or_insert_with(|| Box::new(Court::new(tracer, point))), trail)
+        let trail: Vec<_> = self.trails[..self.step].iter().filter_map(|met| decision(met[path])).collect();
+        let case = Case { tracer: self.tracer, point: self.points[path], trail: &trail };
+        question(self.courts[path].get_or_insert_default(), &case)
+    }
+
+    /// Of which paths something stayed open in the widest numbers; empty where none was asked about.
+    pub(super) fn unresolved(&self) -> Vec<bool> {
+        self.courts.iter().map(|c| c.as_ref().is_some_and(|c| c.unresolved())).collect()
     }
 
     /// Decides what ray `i` meets: in f64 among `candidates`, or all objects, and if need be beyond.
@@ -65,10 +70,13 @@ impl<'a> Paths<'a> {
         places.met[i] = match found {
             Closest::Nothing => NONE,
             Closest::Sure(d) => code(d),
+            Closest::Doubt if self.tracer.refinement == Refinement::Off => {
+                self.query.likely_closest().map_or(NONE, code)
+            }
             Closest::Doubt => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                let (court, trail) = self.court(rays.path[i] as usize);
-                court.closest(&trail, &candidates).map_or(NONE, code)
+                let found = self.ask(rays.path[i] as usize, |court, case| court.closest(case, &candidates));
+                found.map_or(NONE, code)
             }
         };
     }
@@ -95,11 +103,11 @@ impl<'a> Paths<'a> {
         match (occluded, met) {
             (Occluded::No, _) | (_, None) => false,
             (Occluded::Yes, _) => true,
+            (Occluded::Doubt, _) if self.tracer.refinement == Refinement::Off => self.query.likely_occluded(),
             (Occluded::Doubt, Some(met)) => {
                 let candidates: Vec<_> = self.query.candidates().collect();
                 let light = prepared.scene.lights()[light];
-                let (court, trail) = self.court(rays.path[i] as usize);
-                court.occluded(&trail, met, light, &candidates)
+                self.ask(rays.path[i] as usize, |court, case| court.occluded(case, met, light, &candidates))
             }
         }
     }
@@ -110,8 +118,10 @@ impl<'a> Paths<'a> {
         let Some(met) = decision(places.met[i]) else { return };
         let tracer = self.tracer;
         let scene = &tracer.prepared.scene;
-        let (court, trail) = self.court(rays.path[i] as usize);
-        let Some((hit, mirrored)) = court.hit(&trail, met) else { return };
+        let goes_on =
+            places.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
+        let found = self.ask(rays.path[i] as usize, |court, case| court.hit(case, met, goes_on));
+        let Some((hit, mirrored)) = found else { return };
         let p = V3::splat(arbiter::to_local(&tracer.prepared.local, scene, &hit.p));
         places.set(i, &Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U });
         let material = tracer.material(met.id);
