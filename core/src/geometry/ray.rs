@@ -1,7 +1,7 @@
 //! Rays that know how wrong they may be.
 
 use super::real::{Real, V3};
-use super::{TINY, U};
+use super::TINY;
 
 /// A ray o + t·d in local space, and its distance from the ray of real arithmetic.
 #[derive(Clone, Copy, Debug)]
@@ -30,8 +30,8 @@ impl<R: Real> Ray<R> {
         let lost = R::splat(f64::INFINITY);
         let ed = (dd - R::splat(LEAST_SQUARE)).if_positive(ed, lost);
         let ed = (R::splat(GREATEST_SQUARE) - dd).if_positive(ed, lost);
-        let len = dd.sqrt() * R::splat(1.0 + 8.0 * U);
-        let inv_len = R::splat(1.0 + 16.0 * U) / len;
+        let len = dd.sqrt() * (R::splat(1.0) + R::splat(8.0 * R::U));
+        let inv_len = (R::splat(1.0) + R::splat(16.0 * R::U)) / len;
         Self { o, d, eo: eo + R::splat(TINY), ed, dd, inv_len, len }
     }
 }

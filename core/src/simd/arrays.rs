@@ -4,7 +4,7 @@ use std::array::from_fn;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use super::{Double, LANES, Mask, Octet, Simd, Single};
-use crate::geometry::Real;
+use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrays;
@@ -178,6 +178,7 @@ impl Octet for S8 {
 }
 
 impl Real for D8 {
+    const U: f64 = U;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self([x; 8])

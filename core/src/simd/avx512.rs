@@ -7,7 +7,7 @@ use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use super::{Double, LANES, Mask, Octet, Simd, Single};
-use crate::geometry::Real;
+use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Avx512;
@@ -189,6 +189,7 @@ impl Octet for S8 {
 }
 
 impl Real for D8 {
+    const U: f64 = U;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         // SAFETY: the processor has AVX-512, see the module.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::arbiter::{ExactRay, LAST};
-use crate::geometry::{Ray, U, V3};
+use crate::geometry::{DoubleDouble, Ray, Real, U, V3};
 use crate::precise::{Big, Bound, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
@@ -33,6 +33,7 @@ pub(crate) struct Frame {
     height: u32,
     location: DVec3,
     exact: [Vector<LAST>; 3],
+    double: [V3<DoubleDouble>; 3],
     /// What `exact` has lost where the sky is almost the view's direction.
     turn: Bound,
     pub(crate) forward: DVec3,
@@ -56,7 +57,11 @@ impl Frame {
         let scale = -distance.exponent().max(widest.exponent());
         let exact = [(f * distance).scale(scale), r.scale(scale), u.scale(scale)];
         let [forward, right, up] = exact.map(|v| v.to_f64());
-        Self { grid, width: view.width(), height: view.height(), location, exact, turn, forward, right, up }
+        let double = exact.each_ref().map(|v| {
+            let [x, y, z] = v.0.each_ref().map(DoubleDouble::nearest);
+            V3 { x, y, z }
+        });
+        Self { grid, width: view.width(), height: view.height(), location, exact, double, turn, forward, right, up }
     }
 
     /// The centre of cell (x, y) of the picture's grid, x to the right, y down.
@@ -75,6 +80,16 @@ impl Frame {
     /// coordinate within another u, and two sums follow: |d − d*| ≤ (2√3 + 2)u·|d|, below [`TURN`].
     pub(crate) fn ray(&self, p: PlanePoint) -> Ray {
         Ray::new(V3::splat(DVec3::ZERO), V3::splat(self.direction(p)), 0.0, TURN)
+    }
+
+    /// The ray through `p`, in local space and to twice the digits; the bound as for [`Self::ray`].
+    pub(crate) fn double_ray(&self, p: PlanePoint) -> Ray<DoubleDouble> {
+        let [f, r, u] = self.double;
+        let k = DoubleDouble::splat;
+        let d = f + r * k(f64::from(p.x)) + u * k(f64::from(p.y));
+        // Below 2^−900 of a direction of length 1 nothing is lost that counts here.
+        let turn = if self.turn.exponent() < -900 { TURN / U * DoubleDouble::U } else { f64::INFINITY };
+        Ray::new(V3::splat(DVec3::ZERO), d, k(0.0), k(turn))
     }
 
     /// The direction of [`Self::ray`].

@@ -5,7 +5,10 @@ use glam::DVec3;
 use super::Tracer;
 use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
-use crate::geometry::ObjectId;
+use super::double;
+use super::shade::Place;
+use crate::geometry::{ObjectId, U, V3};
+use crate::scene::Pigment;
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {
@@ -93,6 +96,15 @@ impl Question for Hit {
     }
 }
 
+/// A place that f64 alone would misplace.
+pub(crate) struct Refined {
+    pub(crate) place: Place,
+    /// The direction mirrored there, where it was asked for; rounded.
+    pub(crate) mirrored: DVec3,
+    /// The place itself, where its rounding would be too much for what is computed from it.
+    pub(crate) hit: Option<Box<ExactHit<LAST>>>,
+}
+
 /// The path at both widths, each as far as it was needed.
 #[derive(Default)]
 pub(crate) struct Court {
@@ -135,8 +147,20 @@ impl Court {
         self.ask(case, &Occluded { met, light, candidates }).unwrap_or(false)
     }
 
-    /// The point met and, where it is asked for, the direction mirrored there.
-    pub(crate) fn hit(&mut self, case: &Case<'_>, met: Decision, mirrored: bool) -> Option<(ExactHit<LAST>, DVec3)> {
-        self.ask(case, &Hit { met, mirrored })
+    /// The place met, as right as f64 can say it, and, where it is asked for, the direction mirrored
+    /// there. `throughput` is what the path has left of the light.
+    pub(crate) fn place(&mut self, case: &Case<'_>, met: Decision, throughput: f64, mirrored: bool) -> Option<Refined> {
+        let tracer = case.tracer;
+        let pictured = matches!(tracer.material(met.id).pigment, Pigment::Picture(_));
+        if !pictured
+            && let Some((place, mirrored)) = double::place(case, met)
+            && !tracer.too_wide(&place, throughput)
+        {
+            return Some(Refined { place, mirrored, hit: None });
+        }
+        let (hit, mirrored) = self.ask(case, &Hit { met, mirrored })?;
+        let p = V3::splat(arbiter::to_local(&tracer.prepared.local, &tracer.prepared.scene, &hit.p));
+        let place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
+        Some(Refined { place, mirrored, hit: Some(Box::new(hit)) })
     }
 }

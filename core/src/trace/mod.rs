@@ -4,6 +4,7 @@ pub(crate) mod arbiter;
 mod camera;
 mod condition;
 mod court;
+mod double;
 mod filter;
 mod packet;
 mod path;

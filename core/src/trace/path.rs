@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::arbiter::{self, Decision};
+use super::arbiter::Decision;
 use super::camera::PlanePoint;
-use super::court::{Case, Court};
+use super::court::{Case, Court, Refined};
 use super::query::{Closest, Occluded, Scratch};
 use super::shade::{self, Place};
 use super::texture;
@@ -63,34 +63,33 @@ impl Tracer {
             let mut place = self.place(&ray, decision, from);
             let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
             let too_wide = refines && self.too_wide(&place, throughput);
-            let mut wide = if too_wide { court.hit(&case, decision, goes_on) } else { None };
+            let mut refined = if too_wide { court.place(&case, decision, throughput, goes_on) } else { None };
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
                 let size = f64::from(picture_data.width().max(picture_data.height()));
                 let (mut uv, e) =
                     texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &place, &ray);
-                if refines && wide.is_none() && !(e * size <= texture::TEXEL) {
-                    wide = court.hit(&case, decision, goes_on);
+                if refines && refined.is_none() && !(e * size <= texture::TEXEL) {
+                    refined = court.place(&case, decision, throughput, goes_on);
                 }
-                if let Some((hit, _)) = &wide {
+                if let Some(Refined { hit: Some(hit), .. }) = &refined {
                     uv = texture::exact_coordinates(scene, &self.mappings, hit);
                 }
                 color *= self.picture_color(picture, uv, decision.id);
             }
-            if let Some((hit, _)) = &wide {
+            if let Some(refined) = &refined {
                 counts.refined += 1;
-                let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
-                place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
+                place = refined.place;
             }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
                     let light = V3::splat(light);
                     let incidence = shade::incidence(&place, light);
-                    let cosine = match &wide {
-                        Some((hit, _)) => hit.cosine(scene.lights()[k]),
-                        None => incidence.cosine,
+                    let cosine = match &refined {
+                        Some(Refined { hit: Some(hit), .. }) => hit.cosine(scene.lights()[k]),
+                        _ => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
                         continue;
@@ -120,8 +119,8 @@ impl Tracer {
                 break;
             }
             counts.mirror += 1;
-            ray = match &wide {
-                Some((_, d)) => Ray::new(place.p, V3::splat(*d), place.ep, 4.0 * U),
+            ray = match &refined {
+                Some(refined) => Ray::new(place.p, V3::splat(refined.mirrored), place.ep, 4.0 * U),
                 None => shade::reflect(&ray, &place),
             };
             trail.push(decision);
@@ -146,7 +145,7 @@ impl Tracer {
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
-    fn too_wide(&self, place: &Place, throughput: f64) -> bool {
+    pub(super) fn too_wide(&self, place: &Place, throughput: f64) -> bool {
         let lights = &self.prepared.local.lights;
         let nearest = lights.iter().fold(f64::INFINITY, |d, &l| shade::nearer(d, place, V3::splat(l)));
         !(shade::excess(place, nearest, throughput) <= 0.0)

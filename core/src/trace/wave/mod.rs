@@ -98,7 +98,7 @@ impl Kernel for Wave<'_> {
             trails,
             query: &mut path.query,
             courts: Vec::new(),
-            hits: Vec::new(),
+            refined_places: Vec::new(),
             refined: 0,
             step: 0,
             signatures: self.signatures,
@@ -111,7 +111,7 @@ impl Kernel for Wave<'_> {
                 break;
             }
             paths.step = depth as usize - 1;
-            paths.hits.clear();
+            paths.refined_places.clear();
             places.reset(rays.len().next_multiple_of(LANES));
             stage.closest::<S>(rays, places, packet, walk, &mut paths);
             stage.places::<S>(rays, places, kinds, &mut paths);
@@ -434,8 +434,10 @@ impl Stage<'_> {
                 incidence.cosine.store(&mut cosines);
                 for lane in 0..8.min(n - at) {
                     let i = at + lane;
-                    if places.exact[i] != 0 {
-                        cosines[lane] = paths.hits[places.exact[i] as usize - 1].0.cosine(scene.lights()[k]);
+                    if places.refined[i] != 0
+                        && let Some(hit) = &paths.refined_places[places.refined[i] as usize - 1].hit
+                    {
+                        cosines[lane] = hit.cosine(scene.lights()[k]);
                         lit = lit & !(1 << lane) | u8::from(cosines[lane] > 0.0) << lane;
                     }
                     if lit >> lane & 1 == 0 || places.met[i] == NONE {
@@ -531,8 +533,8 @@ impl Stage<'_> {
                 }
                 paths.mirrors[path] += 1;
                 let (mut d, mut ed) = ([lanes[0][lane], lanes[1][lane], lanes[2][lane]], lanes[3][lane]);
-                if places.exact[i] != 0 {
-                    d = paths.hits[places.exact[i] as usize - 1].1.to_array();
+                if places.refined[i] != 0 {
+                    d = paths.refined_places[places.refined[i] as usize - 1].mirrored.to_array();
                     ed = 4.0 * U;
                 }
                 for k in 0..3 {

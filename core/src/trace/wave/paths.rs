@@ -1,15 +1,13 @@
 //! What a wave keeps of each path, and its way to wide arithmetic.
 
-use glam::DVec3;
-
-use crate::geometry::{ObjectId, U, V3};
+use crate::geometry::{ObjectId, V3};
 use crate::scene::Pigment;
-use crate::trace::arbiter::{self, Decision, ExactHit, LAST};
+use crate::trace::arbiter::Decision;
 use crate::trace::camera::PlanePoint;
-use crate::trace::court::{Case, Court};
+use crate::trace::court::{Case, Court, Refined};
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
-use crate::trace::shade::{self, Place};
+use crate::trace::shade;
 use crate::trace::{Refinement, Sample, Tracer, texture};
 
 use super::lanes::{Places, Rays};
@@ -27,8 +25,8 @@ pub(super) struct Paths<'a> {
     pub(super) query: &'a mut Scratch,
     /// Wide arithmetic of the paths that needed it; empty until one does.
     pub(super) courts: Vec<Option<Box<Court>>>,
-    /// Points met at this step that f64 does not place well enough, and directions mirrored there.
-    pub(super) hits: Vec<(ExactHit<LAST>, DVec3)>,
+    /// Places of this step that f64 alone would misplace.
+    pub(super) refined_places: Vec<Refined>,
     pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
@@ -120,20 +118,20 @@ impl Paths<'_> {
         let scene = &tracer.prepared.scene;
         let goes_on =
             places.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
-        let found = self.ask(rays.path[i] as usize, |court, case| court.hit(case, met, goes_on));
-        let Some((hit, mirrored)) = found else { return };
-        let p = V3::splat(arbiter::to_local(&tracer.prepared.local, scene, &hit.p));
-        places.set(i, &Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U });
+        let throughput = rays.throughput[i];
+        let found = self.ask(rays.path[i] as usize, |court, case| court.place(case, met, throughput, goes_on));
+        let Some(refined) = found else { return };
+        places.set(i, &refined.place);
         let material = tracer.material(met.id);
-        if let Pigment::Picture(picture) = material.pigment {
-            let uv = texture::exact_coordinates(scene, &tracer.mappings, &hit);
+        if let (Pigment::Picture(picture), Some(hit)) = (material.pigment, &refined.hit) {
+            let uv = texture::exact_coordinates(scene, &tracer.mappings, hit);
             let color = material.albedo * tracer.picture_color(picture, uv, met.id);
             for (to, x) in places.albedo.iter_mut().zip(color.to_array()) {
                 to[i] = x;
             }
         }
-        self.hits.push((hit, mirrored));
-        places.exact[i] = self.hits.len() as u32;
+        self.refined_places.push(refined);
+        places.refined[i] = self.refined_places.len() as u32;
     }
 }
 
