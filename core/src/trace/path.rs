@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::arbiter::{self, Decision};
+use super::arbiter::Decision;
 use super::camera::PlanePoint;
 use super::court::{Case, Court};
 use super::query::{Closest, Occluded, Scratch};
@@ -63,6 +63,10 @@ impl Tracer {
             let mut place = self.place(&ray, decision, from);
             let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
             let too_wide = refines && self.too_wide(&place, throughput);
+            if !refines {
+                place = place.taken_as_it_is();
+                ray.ed = ray.ed.min(4.0 * U);
+            }
             let mut wide = if too_wide { court.hit(&case, decision, goes_on) } else { None };
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
@@ -74,13 +78,13 @@ impl Tracer {
                     wide = court.hit(&case, decision, goes_on);
                 }
                 if let Some((hit, _)) = &wide {
-                    uv = texture::exact_coordinates(scene, &self.mappings, hit);
+                    uv = hit.coordinates(self);
                 }
                 color *= self.picture_color(picture, uv, decision.id);
             }
             if let Some((hit, _)) = &wide {
                 counts.refined += 1;
-                let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
+                let p = V3::splat(hit.place(self));
                 place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
             }
             if color != DVec3::ZERO {

@@ -4,13 +4,13 @@ use glam::DVec3;
 
 use crate::geometry::{ObjectId, U, V3};
 use crate::scene::Pigment;
-use crate::trace::arbiter::{self, Decision, ExactHit, LAST};
+use crate::trace::arbiter::Decision;
 use crate::trace::camera::PlanePoint;
-use crate::trace::court::{Case, Court};
+use crate::trace::court::{Case, Court, WideHit};
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
 use crate::trace::shade::{self, Place};
-use crate::trace::{Refinement, Sample, Tracer, texture};
+use crate::trace::{Refinement, Sample, Tracer};
 
 use super::lanes::{Places, Rays};
 
@@ -28,7 +28,7 @@ pub(super) struct Paths<'a> {
     /// Wide arithmetic of the paths that needed it; empty until one does.
     pub(super) courts: Vec<Option<Box<Court>>>,
     /// Points met at this step that f64 does not place well enough, and directions mirrored there.
-    pub(super) hits: Vec<(ExactHit<LAST>, DVec3)>,
+    pub(super) hits: Vec<(WideHit, DVec3)>,
     pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
@@ -117,16 +117,19 @@ impl Paths<'_> {
     pub(super) fn refine(&mut self, rays: &Rays, places: &mut Places, i: usize) {
         let Some(met) = decision(places.met[i]) else { return };
         let tracer = self.tracer;
-        let scene = &tracer.prepared.scene;
+        if tracer.refinement == Refinement::Off {
+            places.set(i, &places.one(i).taken_as_it_is());
+            return;
+        }
         let goes_on =
             places.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
         let found = self.ask(rays.path[i] as usize, |court, case| court.hit(case, met, goes_on));
         let Some((hit, mirrored)) = found else { return };
-        let p = V3::splat(arbiter::to_local(&tracer.prepared.local, scene, &hit.p));
+        let p = V3::splat(hit.place(tracer));
         places.set(i, &Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U });
         let material = tracer.material(met.id);
         if let Pigment::Picture(picture) = material.pigment {
-            let uv = texture::exact_coordinates(scene, &tracer.mappings, &hit);
+            let uv = hit.coordinates(tracer);
             let color = material.albedo * tracer.picture_color(picture, uv, met.id);
             for (to, x) in places.albedo.iter_mut().zip(color.to_array()) {
                 to[i] = x;
