@@ -1,7 +1,7 @@
 //! Rays that know how wrong they may be.
 
-use super::real::{Real, V3};
 use super::TINY;
+use super::real::{Real, V3};
 
 /// A ray o + t·d in local space, and its distance from the ray of real arithmetic.
 #[derive(Clone, Copy, Debug)]

@@ -61,8 +61,10 @@ fn roots<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> Roots<R> {
     let dhh = delta * (R::splat(2.0) * s.r + R::splat(3.0) * delta) + R::splat(8.0 * R::U) * rr + R::splat(TINY);
     let h = (rr - qq).max(zero).sqrt();
     let half = h * ray.inv_len;
-    // |h − h*| ≤ min(Δ/h, √Δ) where |h² − h*²| ≤ Δ.
-    let dh = (dhh / h).min(dhh.sqrt());
+    // Where |h² − h*²| ≤ Δ, |h − h*| ≤ √Δ, and for x = Δ/h² ≤ 1, |h − h*| ≤ h(1 − √(1 − x)) ≤
+    // h(x + x²)/2, which is more than √Δ for x > 1.
+    let hx = dhh / h;
+    let dh = (hx * (R::splat(0.5 + 1e-9) + R::splat(0.5) * (hx / h))).min(dhh.sqrt());
     let e = (delta + dh) * ray.inv_len + R::splat(32.0 * R::U) * (mid.abs() + half);
     Roots { near: mid - half, far: mid + half, e, qq, delta }
 }

@@ -126,6 +126,11 @@ impl<const N: usize> ExactRay<N> {
         Self { o: Vector::new(o), d, from: None, slack }
     }
 
+    /// The same ray in M limbs.
+    pub(crate) fn resize<const M: usize>(&self) -> ExactRay<M> {
+        ExactRay { o: self.o.resize(), d: self.d.resize(), from: self.from, slack: self.slack }
+    }
+
     /// The same ray, its numbers taken as they are from here on.
     pub(crate) fn taken_as_it_is(self) -> Self {
         let none = Bound::ZERO;
@@ -138,10 +143,11 @@ fn sign<const N: usize>(x: &Big<N>, terms: Bound, error: Bound) -> Result<i32, U
     // At least twice the error, so that quotients by x are bounded as well.
     let proven = error.exponent().saturating_add(2);
     let zero = terms.exponent().saturating_sub(tie(N));
+    // No error at all is that of numbers which are exact, or taken as they are.
     let open = error != Bound::ZERO && proven > zero;
     if x.exponent() >= if open { proven } else { zero } {
         Ok(x.signum())
-    } else if N < LAST || open {
+    } else if open || (N < LAST && error != Bound::ZERO) {
         Err(Unsure)
     } else {
         Ok(0)

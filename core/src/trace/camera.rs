@@ -99,7 +99,8 @@ impl Frame {
 
     /// The ray through `p`, in world space and wide arithmetic.
     pub(crate) fn exact_ray<const N: usize>(&self, p: PlanePoint) -> ExactRay<N> {
-        let [f, r, u] = self.exact.map(|v| v.resize());
+        let [f, r, u] = &self.exact;
+        let (f, r, u) = (f.resize(), r.resize(), u.resize());
         let d = f + r * Big::new(f64::from(p.x)) + u * Big::new(f64::from(p.y));
         ExactRay::new(self.location, d, self.turn)
     }

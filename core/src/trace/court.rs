@@ -1,13 +1,13 @@
 //! One path before the arbiter: followed in wide arithmetic only as far as it was asked about.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
-use super::Tracer;
 use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
-use super::double;
+use super::prepared::PreparedScene;
 use super::shade::Place;
-use crate::geometry::{ObjectId, U, V3};
+use super::{Tracer, double, texture};
+use crate::geometry::{ObjectId, V3};
 use crate::scene::Pigment;
 
 /// The path in numbers of one width.
@@ -15,25 +15,53 @@ struct ExactPath<const N: usize> {
     /// Decisions followed, and the ray after them.
     done: usize,
     ray: ExactRay<N>,
+    /// What that ray is known to meet, and where.
+    hit: Option<(Decision, ExactHit<N>)>,
     /// The digits are used up: nothing more can be told.
     lost: bool,
 }
 
 impl<const N: usize> ExactPath<N> {
-    fn new(tracer: &Tracer, point: PlanePoint) -> Self {
-        Self { done: 0, ray: tracer.frame.exact_ray(point), lost: false }
+    fn new(done: usize, ray: ExactRay<N>) -> Self {
+        Self { done, ray, hit: None, lost: false }
     }
 
     /// The ray after all decisions of the trail.
-    fn ray(&mut self, case: &Case<'_>) -> Result<ExactRay<N>, Unsure> {
+    fn ray(&mut self, case: &Case<'_>) -> Result<&ExactRay<N>, Unsure> {
         while !self.lost && self.done < case.trail.len() {
-            match arbiter::hit(&case.tracer.prepared.scene, &self.ray, case.trail[self.done]) {
-                Ok(hit) => self.ray = hit.reflect(&self.ray.d),
+            match self.met(case, case.trail[self.done]) {
+                Ok(hit) => {
+                    self.ray = hit.reflect(&self.ray.d);
+                    self.hit = None;
+                    self.done += 1;
+                }
                 Err(Unsure) => self.lost = true,
             }
-            self.done += 1;
         }
-        if self.lost { Err(Unsure) } else { Ok(self.ray) }
+        if self.lost { Err(Unsure) } else { Ok(&self.ray) }
+    }
+
+    /// Where the ray that was reached meets `decision`: asked for each light, and by the next step.
+    fn met(&mut self, case: &Case<'_>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
+        if let Some((of, hit)) = self.hit
+            && of == decision
+        {
+            return Ok(hit);
+        }
+        let hit = arbiter::hit(&case.tracer.prepared.scene, &self.ray, decision)?;
+        self.hit = Some((decision, hit));
+        Ok(hit)
+    }
+
+    /// The point met by the ray after all decisions of the trail.
+    fn hit(&mut self, case: &Case<'_>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
+        self.ray(case)?;
+        self.met(case, decision)
+    }
+
+    /// The path in other numbers from where it is, what they hold taken as it is.
+    fn taken_as_it_is<const M: usize>(&self) -> ExactPath<M> {
+        ExactPath::new(self.done, self.ray.resize().taken_as_it_is())
     }
 }
 
@@ -48,7 +76,7 @@ pub(crate) struct Case<'a> {
 /// A question about a path, put at one width.
 trait Question {
     type Answer;
-    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<Self::Answer, Unsure>;
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure>;
 }
 
 /// Which of some objects the path meets next.
@@ -56,8 +84,8 @@ struct Closest<'a>(&'a [ObjectId]);
 
 impl Question for Closest<'_> {
     type Answer = Option<Decision>;
-    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<Option<Decision>, Unsure> {
-        let found = arbiter::closest(&case.tracer.prepared.scene, ray, self.0.iter().copied())?;
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Option<Decision>, Unsure> {
+        let found = arbiter::closest(&case.tracer.prepared.scene, path.ray(case)?, self.0.iter().copied())?;
         Ok(found.map(|(decision, _)| decision))
     }
 }
@@ -71,10 +99,9 @@ struct Occluded<'a> {
 
 impl Question for Occluded<'_> {
     type Answer = bool;
-    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<bool, Unsure> {
-        let scene = &case.tracer.prepared.scene;
-        let segment = arbiter::hit(scene, ray, self.met)?.towards(self.light);
-        arbiter::occluded(scene, &segment, self.candidates.iter().copied())
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<bool, Unsure> {
+        let segment = path.hit(case, self.met)?.towards(self.light);
+        arbiter::occluded(&case.tracer.prepared.scene, &segment, self.candidates.iter().copied())
     }
 }
 
@@ -84,15 +111,55 @@ struct Hit {
     mirrored: bool,
 }
 
+/// A point that the path meets, of the width that knew it.
+pub(crate) enum WideHit {
+    First(ExactHit<FIRST>),
+    Last(Box<ExactHit<LAST>>),
+}
+
+/// Does the same with a hit of either width.
+macro_rules! either {
+    ($wide:expr, $hit:ident => $e:expr) => {
+        match $wide {
+            WideHit::First($hit) => $e,
+            WideHit::Last($hit) => $e,
+        }
+    };
+}
+
+impl WideHit {
+    /// The unit normal, turned to the side the ray strikes.
+    pub(crate) fn normal(&self) -> DVec3 {
+        either!(self, hit => hit.normal())
+    }
+
+    /// The cosine towards `light`, a world point.
+    pub(crate) fn cosine(&self, light: DVec3) -> f64 {
+        either!(self, hit => hit.cosine(light))
+    }
+
+    /// The point in local space.
+    pub(crate) fn place(&self, tracer: &Tracer) -> DVec3 {
+        let PreparedScene { local, scene, .. } = &*tracer.prepared;
+        either!(self, hit => arbiter::to_local(local, scene, &hit.p))
+    }
+
+    /// Where a picture is read there.
+    pub(crate) fn coordinates(&self, tracer: &Tracer) -> DVec2 {
+        either!(self, hit => texture::exact_coordinates(&tracer.prepared.scene, &tracer.mappings, hit))
+    }
+}
+
 impl Question for Hit {
-    type Answer = (ExactHit<LAST>, DVec3);
-    fn ask<const N: usize>(&self, case: &Case<'_>, ray: &ExactRay<N>) -> Result<Self::Answer, Unsure> {
-        let hit = arbiter::hit(&case.tracer.prepared.scene, ray, self.met)?;
+    type Answer = (WideHit, DVec3);
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure> {
+        let hit = path.hit(case, self.met)?;
         if !hit.is_known() {
             return Err(Unsure);
         }
-        let d = if self.mirrored { hit.reflect(&ray.d).d.to_f64() } else { DVec3::ZERO };
-        Ok((hit.resize(), d))
+        let d = if self.mirrored { hit.reflect(&path.ray.d).d.to_f64() } else { DVec3::ZERO };
+        let hit = if N == FIRST { WideHit::First(hit.resize()) } else { WideHit::Last(Box::new(hit.resize())) };
+        Ok((hit, d))
     }
 }
 
@@ -102,7 +169,7 @@ pub(crate) struct Refined {
     /// The direction mirrored there, where it was asked for; rounded.
     pub(crate) mirrored: DVec3,
     /// The place itself, where its rounding would be too much for what is computed from it.
-    pub(crate) hit: Option<Box<ExactHit<LAST>>>,
+    pub(crate) hit: Option<WideHit>,
 }
 
 /// The path at both widths, each as far as it was needed.
@@ -110,31 +177,34 @@ pub(crate) struct Refined {
 pub(crate) struct Court {
     first: Option<ExactPath<FIRST>>,
     last: Option<Box<ExactPath<LAST>>>,
-    /// The path that the last width gives if its numbers are taken as they are.
-    given: Option<Box<ExactPath<LAST>>>,
+    /// From where the last width has used its digits up: any width is as good then.
+    given: Option<ExactPath<FIRST>>,
+    unresolved: bool,
 }
 
 impl Court {
     /// Whether something was asked that even the last width could not tell.
     pub(crate) fn unresolved(&self) -> bool {
-        self.given.is_some()
+        self.unresolved
     }
 
     fn ask<Q: Question>(&mut self, case: &Case<'_>, question: &Q) -> Option<Q::Answer> {
         let Case { tracer, point, .. } = *case;
-        let first = self.first.get_or_insert_with(|| ExactPath::new(tracer, point));
-        if let Ok(answer) = first.ray(case).and_then(|ray| question.ask(case, &ray)) {
+        let first = self.first.get_or_insert_with(|| ExactPath::new(0, tracer.frame.exact_ray(point)));
+        if let Ok(answer) = question.ask(case, first) {
             return Some(answer);
         }
-        let last = self.last.get_or_insert_with(|| Box::new(ExactPath::new(tracer, point)));
-        if let Ok(answer) = last.ray(case).and_then(|ray| question.ask(case, &ray)) {
+        let last = self.last.get_or_insert_with(|| Box::new(ExactPath::new(0, tracer.frame.exact_ray(point))));
+        if let Ok(answer) = question.ask(case, &mut **last) {
             return Some(answer);
         }
-        let given = self.given.get_or_insert_with(|| {
-            let path = ExactPath::new(tracer, point);
-            Box::new(ExactPath { ray: path.ray.taken_as_it_is(), ..path })
-        });
-        given.ray(case).and_then(|ray| question.ask(case, &ray)).ok()
+        self.unresolved = true;
+        let answer = if last.lost {
+            question.ask(case, self.given.get_or_insert_with(|| last.taken_as_it_is()))
+        } else {
+            question.ask(case, &mut last.taken_as_it_is::<LAST>())
+        };
+        answer.ok()
     }
 
     /// Which of `candidates` the path meets next.
@@ -159,8 +229,7 @@ impl Court {
             return Some(Refined { place, mirrored, hit: None });
         }
         let (hit, mirrored) = self.ask(case, &Hit { met, mirrored })?;
-        let p = V3::splat(arbiter::to_local(&tracer.prepared.local, &tracer.prepared.scene, &hit.p));
-        let place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
-        Some(Refined { place, mirrored, hit: Some(Box::new(hit)) })
+        let place = Place::rounded(V3::splat(hit.place(tracer)), V3::splat(hit.normal()));
+        Some(Refined { place, mirrored, hit: Some(hit) })
     }
 }

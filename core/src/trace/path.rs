@@ -63,6 +63,10 @@ impl Tracer {
             let mut place = self.place(&ray, decision, from);
             let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
             let too_wide = refines && self.too_wide(&place, throughput);
+            if !refines {
+                place = place.taken_as_it_is();
+                ray.ed = ray.ed.min(4.0 * U);
+            }
             let mut refined = if too_wide { court.place(&case, decision, throughput, goes_on) } else { None };
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
@@ -74,7 +78,7 @@ impl Tracer {
                     refined = court.place(&case, decision, throughput, goes_on);
                 }
                 if let Some(Refined { hit: Some(hit), .. }) = &refined {
-                    uv = texture::exact_coordinates(scene, &self.mappings, hit);
+                    uv = hit.coordinates(self);
                 }
                 color *= self.picture_color(picture, uv, decision.id);
             }

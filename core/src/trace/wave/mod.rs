@@ -331,9 +331,6 @@ impl Stage<'_> {
     /// Finds the places that f64 does not know well enough, and takes them from wide arithmetic.
     #[inline(always)]
     fn refine<S: Simd>(&self, rays: &Rays, places: &mut Places, paths: &mut Paths) {
-        if self.tracer.refinement == Refinement::Off {
-            return;
-        }
         for at in (0..rays.len()).step_by(8) {
             let place = places.eight::<S>(at);
             let mut nearest = S::Double::splat(f64::INFINITY);
@@ -533,6 +530,9 @@ impl Stage<'_> {
                 }
                 paths.mirrors[path] += 1;
                 let (mut d, mut ed) = ([lanes[0][lane], lanes[1][lane], lanes[2][lane]], lanes[3][lane]);
+                if self.tracer.refinement == Refinement::Off {
+                    ed = ed.min(4.0 * U);
+                }
                 if places.refined[i] != 0 {
                     d = paths.refined_places[places.refined[i] as usize - 1].mirrored.to_array();
                     ed = 4.0 * U;

@@ -8,7 +8,7 @@ use crate::trace::court::{Case, Court, Refined};
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
 use crate::trace::shade;
-use crate::trace::{Refinement, Sample, Tracer, texture};
+use crate::trace::{Refinement, Sample, Tracer};
 
 use super::lanes::{Places, Rays};
 
@@ -115,7 +115,10 @@ impl Paths<'_> {
     pub(super) fn refine(&mut self, rays: &Rays, places: &mut Places, i: usize) {
         let Some(met) = decision(places.met[i]) else { return };
         let tracer = self.tracer;
-        let scene = &tracer.prepared.scene;
+        if tracer.refinement == Refinement::Off {
+            places.set(i, &places.one(i).taken_as_it_is());
+            return;
+        }
         let goes_on =
             places.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
         let throughput = rays.throughput[i];
@@ -124,7 +127,7 @@ impl Paths<'_> {
         places.set(i, &refined.place);
         let material = tracer.material(met.id);
         if let (Pigment::Picture(picture), Some(hit)) = (material.pigment, &refined.hit) {
-            let uv = texture::exact_coordinates(scene, &tracer.mappings, hit);
+            let uv = hit.coordinates(tracer);
             let color = material.albedo * tracer.picture_color(picture, uv, met.id);
             for (to, x) in places.albedo.iter_mut().zip(color.to_array()) {
                 to[i] = x;
