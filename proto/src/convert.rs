@@ -314,7 +314,7 @@ impl TryFrom<wire::Lease> for Lease {
 
 impl From<RayCounts> for wire::RayCounts {
     fn from(r: RayCounts) -> Self {
-        Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined }
+        Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined, unresolved: r.unresolved }
     }
 }
 
@@ -325,10 +325,11 @@ impl TryFrom<wire::RayCounts> for RayCounts {
     type Error = Malformed;
 
     fn try_from(r: wire::RayCounts) -> Result<Self, Malformed> {
-        if [r.camera, r.mirror, r.shadow, r.refined].iter().any(|&n| n > MAX_RAYS) {
+        if [r.camera, r.mirror, r.shadow, r.refined, r.unresolved].iter().any(|&n| n > MAX_RAYS) {
             return Err(Malformed::Range("a number of rays"));
         }
-        Ok(Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined })
+        let wire::RayCounts { camera, mirror, shadow, refined, unresolved } = r;
+        Ok(Self { camera, mirror, shadow, refined, unresolved })
     }
 }
 

@@ -10,7 +10,7 @@ use tessera_tests::program::{Ended, run, scene};
 fn demo(at: &TempDir, arguments: &str) -> Ended {
     let path = scene("demo.xml");
     let path = path.to_str().expect("the repository's path is text");
-    let common = ["render", path, ""--report", "-"];
+    let common = ["render", path, "--report", "-"];
     let size = if arguments.contains("--size") { "" } else { "--size 80x60" };
     run(at.path(), common.into_iter().chain(size.split_whitespace()).chain(arguments.split_whitespace()))
 }

@@ -54,6 +54,7 @@ struct Rays {
     shadow: u64,
     total: u64,
     refined: u64,
+    unresolved: u64,
     per_second: f64,
 }
 
@@ -165,6 +166,7 @@ impl Rays {
             shadow: rays.shadow,
             total,
             refined: rays.refined,
+            unresolved: rays.unresolved,
             per_second: if seconds > 0.0 { total as f64 / seconds } else { 0.0 },
         }
     }
