@@ -103,6 +103,14 @@ pub(crate) fn add(
         (What::Shadow(light), Part::Light(1, own)) => light == own,
         (What::Shadow(_), _) => false,
     };
+    for f in features.iter().filter(|f| f.is_object() && shown(f)) {
+        // Part of it is at the boundary; the rest may not be.
+        let value = store.value(f.sample, part);
+        let contrast = cell.corners.iter().map(|&s| rms(store.value(s, part) - value)).fold(0.0, f64::max);
+        let e = 0.25 * contrast * f.area;
+        outcome.variance += e * e;
+        outcome.chord = None;
+    }
     let hidden: Vec<&Feature> = features.iter().filter(|f| concerns(f) && !shown(f)).collect();
     if hidden.is_empty() {
         return;
