@@ -2,9 +2,9 @@
 
 use std::future::Future;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use coordinator::{Farm, Pixels, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use coordinator::{Farm, Goal, Pixels, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
 use tessera_core::film::PixelsRef;
 use tessera_core::film::file::{Output, write_text};
 use tessera_core::trace::PreparedScene;
@@ -16,7 +16,7 @@ use super::args::{ProgressArg, Render};
 use super::console::Console;
 use super::describe::Description;
 use super::exit::{Exit, Failure};
-use super::options::{Options, ReportTo, resolve};
+use super::options::{Accuracy, Options, ReportTo, resolve};
 use super::report::{Phases, Report};
 use super::{progress, scene, signals};
 
@@ -66,6 +66,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
         tile: options.tile,
         workers: options.workers,
         threads: options.threads,
+        goal: goal(&options, began),
         ..RenderJob::new(source, options.settings)
     };
     let (tell, watched) = watch::channel(Progress::default());
@@ -90,13 +91,17 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     let summary = summary(&output, &rendered, began);
     match unfinished {
         None => {
+            let missed = missed(&options, &rendered);
             match options.progress {
                 ProgressArg::None => {}
                 // Whoever reads the lines of JSON reads them to the end.
                 ProgressArg::Json => console.say(&progress::done_json(output.path(), began.elapsed())),
                 _ => console.say(&summary),
             }
-            Ok(Exit::Done)
+            match missed {
+                Some(why) => Err(Failure::new(Exit::TimeUp, why)),
+                None => Ok(Exit::Done),
+            }
         }
         Some(error) => {
             let mut failure = failure(&error);
@@ -104,6 +109,32 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
             Err(failure)
         }
     }
+}
+
+/// The farm's goal. Writing the picture takes its share of a time limit.
+fn goal(options: &Options, began: Instant) -> Goal {
+    match options.accuracy {
+        Accuracy::Samples | Accuracy::Quality(_) => Goal::AsSet,
+        Accuracy::Error(error) => Goal::Error(error),
+        Accuracy::Time { limit, error } => {
+            let writing = Duration::from_millis(20) + Duration::from_nanos(80 * options.region.area());
+            Goal::Time { limit: limit.saturating_sub(began.elapsed() + writing), error }
+        }
+    }
+}
+
+/// What time did not suffice for.
+fn missed(options: &Options, rendered: &Rendered) -> Option<String> {
+    let Accuracy::Time { limit, error } = options.accuracy else { return None };
+    let limit = progress::duration(limit);
+    if !rendered.is_complete() {
+        return Some(format!("time was up after {limit} before the picture was whole: what is missing is black"));
+    }
+    let (wanted, got) = (error?, rendered.error?.rmse());
+    (got > wanted).then(|| {
+        let (wanted, got) = (255.0 * wanted, 255.0 * got);
+        format!("time was up after {limit}: the error is about {got:.2} 8-bit steps, not {wanted:.2}")
+    })
 }
 
 /// Listens before anything is read, so that a port in use costs no time.
@@ -185,8 +216,12 @@ fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
         let done: u64 = rendered.done.iter().map(|r| r.area()).sum();
         format!(", {:.0} % of it", 100.0 * done as f64 / rendered.region.area() as f64)
     };
+    let error = rendered.error.map_or_else(String::new, |e| {
+        let (rmse, worst) = (255.0 * e.rmse(), 255.0 * e.worst_pixel());
+        format!(", error about {rmse:.2} 8-bit steps (RMSE), {worst:.1} in the worst pixel")
+    });
     format!(
-        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s",
+        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s{error}",
         output.path().display(),
         rendered.region.width(),
         rendered.region.height(),

@@ -10,7 +10,7 @@ mod path;
 mod prepared;
 mod query;
 mod shade;
-mod texture;
+pub(crate) mod texture;
 mod wave;
 
 use std::sync::Arc;
@@ -23,11 +23,13 @@ pub use condition::Condition;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::transfer::to_linear;
-use crate::film::{Region, Tile};
+use crate::film::{ErrorEstimate, Region, Tile};
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
+use crate::sampling::adaptive;
+use crate::sampling::small::Marks;
 use crate::scene::{PictureId, Pigment};
-use crate::settings::{Sampling, Settings};
+use crate::settings::{Sampling, Settings, Tolerance};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 use texture::{Mapping, Texels};
@@ -71,15 +73,23 @@ pub struct Sample {
     /// A hash of everything discrete along the path: objects met, sides struck, lights seen.
     /// Between two points of equal signature, radiance varies smoothly or a feature lies hidden.
     pub signature: u64,
+    /// The object met first, [`Sample::NOTHING`] for none. Comparable within one scene only.
+    pub object: u32,
+}
+
+impl Sample {
+    /// In place of an object: the background.
+    pub const NOTHING: u32 = u32::MAX;
+    const BLANK: Self = Self { radiance: DVec3::ZERO, signature: 0, object: Self::NOTHING };
 }
 
 /// A surface under a transfer: linear colour times diffuse, and what it mirrors.
 #[derive(Clone, Copy, Debug)]
-struct Material {
+pub(crate) struct Material {
     /// Diffuse share times the linear colour; for a pictured surface the share alone.
-    albedo: DVec3,
+    pub(crate) albedo: DVec3,
     reflect: f64,
-    pigment: Pigment,
+    pub(crate) pigment: Pigment,
 }
 
 /// Traces pixels of one picture: a prepared scene under fixed settings.
@@ -95,6 +105,8 @@ pub struct Tracer {
     mappings: Vec<Mapping>,
     /// Whether any surface mirrors.
     mirrors: bool,
+    /// What could fall between pixel corners; for adaptive sampling only.
+    marks: Marks,
     level: Level,
 }
 
@@ -110,7 +122,10 @@ impl Tracer {
         if settings.max_depth == 0 {
             return Err(PrepareError::MaxDepth);
         }
-        let Sampling::Uniform { grid } = settings.sampling;
+        let grid = match settings.sampling {
+            Sampling::Uniform { grid } => grid,
+            Sampling::Adaptive { .. } => adaptive::GRID,
+        };
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
         let materials: Vec<Material> = scene
@@ -124,9 +139,10 @@ impl Tracer {
                 Material { albedo: color * s.diffuse, reflect: s.reflect, pigment: s.pigment }
             })
             .collect();
-        Ok(Self {
+        let mut tracer = Self {
             settings,
             grid,
+            marks: Marks::default(),
             mirrors: materials.iter().any(|m| m.reflect > 0.0),
             level: Level::best(),
             frame: Frame::new(scene.camera(), &settings.view, grid),
@@ -135,7 +151,23 @@ impl Tracer {
             texels: scene.pictures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
             mappings: texture::mappings(&scene, &prepared.local),
             prepared,
-        })
+        };
+        if let Sampling::Adaptive { .. } = settings.sampling {
+            tracer.marks = Marks::new(&tracer);
+        }
+        Ok(tracer)
+    }
+
+    pub(crate) fn marks(&self) -> &Marks {
+        &self.marks
+    }
+
+    pub(crate) fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    pub(crate) fn prepared(&self) -> &PreparedScene {
+        &self.prepared
     }
 
     /// The settings.
@@ -152,6 +184,9 @@ impl Tracer {
     pub fn render(&self, region: Region) -> (Tile, RayCounts) {
         let view = &self.settings.view;
         assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
+        if let Sampling::Adaptive { tolerance } = self.settings.sampling {
+            return self.render_within(region, tolerance);
+        }
         let blocks = region.blocks(BLOCK);
         let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
             .into_par_iter()
@@ -172,7 +207,37 @@ impl Tracer {
                 pixels[start..start + width].copy_from_slice(line);
             }
         }
-        (Tile { region, pixels }, counts)
+        (Tile { region, pixels, error: ErrorEstimate::default() }, counts)
+    }
+
+    /// Renders the pixels of `region` adaptively within `tolerance`, in parallel on the calling
+    /// rayon pool. The settings' own tolerance does not count; under uniform sampling the
+    /// result is that of [`Tracer::render`].
+    ///
+    /// # Panics
+    /// When `region` reaches outside the picture.
+    #[must_use]
+    pub fn render_within(&self, region: Region, tolerance: Tolerance) -> (Tile, RayCounts) {
+        let (tile, _, counts) = self.render_estimated(region, tolerance);
+        (tile, counts)
+    }
+
+    /// [`Tracer::render_within`], with the standard deviation of every pixel's error as a
+    /// fraction of full scale; none under uniform sampling.
+    ///
+    /// # Panics
+    /// When `region` reaches outside the picture.
+    #[must_use]
+    pub fn render_estimated(&self, region: Region, tolerance: Tolerance) -> (Tile, Vec<f32>, RayCounts) {
+        let view = &self.settings.view;
+        assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
+        match self.settings.sampling {
+            Sampling::Adaptive { .. } => adaptive::render(self, region, tolerance.fraction()),
+            Sampling::Uniform { .. } => {
+                let (tile, counts) = self.render(region);
+                (tile, Vec::new(), counts)
+            }
+        }
     }
 
     /// The same tracer by other instructions; every level gives the same bits.
@@ -191,18 +256,18 @@ impl Tracer {
     #[must_use]
     pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
         let (mut scratch, mut counts) = (WaveScratch::default(), RayCounts::default());
-        let mut out = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
+        let mut out = vec![Sample::BLANK; points.len()];
         self.trace(points, true, &mut out, &mut scratch, &mut counts);
         (out, counts)
     }
 
     /// What `id` does with light.
-    fn material(&self, id: ObjectId) -> &Material {
+    pub(crate) fn material(&self, id: ObjectId) -> &Material {
         &self.materials[self.prepared.surface_of(id).0 as usize]
     }
 
     /// The colour at (u, v) of a picture that lies on `id`.
-    fn picture_color(&self, picture: PictureId, uv: DVec2, id: ObjectId) -> DVec3 {
+    pub(crate) fn picture_color(&self, picture: PictureId, uv: DVec2, id: ObjectId) -> DVec3 {
         let scene = &self.prepared.scene;
         let at = picture.0 as usize;
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
@@ -237,7 +302,7 @@ impl Tracer {
         }
         let point = |&(x, y): &(u32, u32)| self.frame.point((block.x0 + x / n, block.y0 + y / n), (x % n, y % n));
         let points: Vec<PlanePoint> = places.iter().map(point).collect();
-        let mut samples = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
+        let mut samples = vec![Sample::BLANK; points.len()];
         self.trace(&points, false, &mut samples, scratch, counts);
         let mut ordered = vec![DVec3::ZERO; points.len()];
         for (&(x, y), s) in places.iter().zip(&samples) {

@@ -9,6 +9,7 @@ use super::query::{Closest, Occluded, Scratch};
 use super::shade::{self, Place};
 use super::texture;
 use super::{RayCounts, Sample, Tracer};
+use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
@@ -41,6 +42,7 @@ impl Tracer {
         let mut throughput = 1.0;
         let mut sum = DVec3::ZERO;
         let mut signature = 0;
+        let mut object = Sample::NOTHING;
         counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
             let decision = match self.prepared.closest(&ray, from, query) {
@@ -52,8 +54,15 @@ impl Tracer {
                 }
             };
             let Some(decision) = decision else {
-                return Sample { radiance: sum + self.background * throughput, signature: mix(signature, u64::MAX) };
+                return Sample {
+                    radiance: sum + self.background * throughput,
+                    signature: mix(signature, u64::MAX),
+                    object,
+                };
             };
+            if depth == 1 {
+                object = decision.id.0;
+            }
             signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
@@ -120,10 +129,22 @@ impl Tracer {
             trail.push(decision);
             from = Some(decision);
         }
-        Sample { radiance: sum, signature }
+        Sample { radiance: sum, signature, object }
     }
 
     /// Where `ray` meets what it is known to meet, in f64.
+    /// Where on its picture `object` is seen through `point`, which sees it.
+    pub(crate) fn picture_coordinates(&self, object: u32, point: PlanePoint) -> glam::DVec2 {
+        let (scene, local) = (&self.prepared.scene, &self.prepared.local);
+        let id = ObjectId(object);
+        let inside = match kind(scene, id) {
+            Kind::Sphere(i) => local.spheres[i].c.dot(local.spheres[i].c) < local.spheres[i].r * local.spheres[i].r,
+            _ => false,
+        };
+        let (ray, met) = (self.frame.ray(point), Decision { id, inside });
+        texture::coordinates(scene, local, &self.mappings, met, &self.place(&ray, met, None), &ray).0
+    }
+
     fn place(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> Place {
         let local = &self.prepared.local;
         match kind(&self.prepared.scene, decision.id) {

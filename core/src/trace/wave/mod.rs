@@ -88,7 +88,7 @@ impl Kernel for Wave<'_> {
             v.clear();
             v.resize(n, 0);
         }
-        self.out.fill(Sample { radiance: DVec3::ZERO, signature: 0 });
+        self.out.fill(Sample::BLANK);
         let mut paths = Paths {
             tracer: self.tracer,
             points: self.points,
@@ -259,6 +259,9 @@ impl Stage<'_> {
             let bare = id & !INSIDE;
             kinds[usize::from(bare >= planes) + usize::from(bare >= spheres)].push(i as u32);
             if paths.signatures {
+                if seen.signature == 0 {
+                    seen.object = bare;
+                }
                 seen.signature = mix(seen.signature, u64::from(bare) << 1 | u64::from(id & INSIDE != 0));
             }
         }
