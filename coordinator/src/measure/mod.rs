@@ -8,6 +8,7 @@
 //! Every picture is rendered as a user's would be: by workers of this process, over gRPC. Only
 //! [`measure`] and the peers' runs read the clock; what follows from the figures is pure.
 
+mod bench;
 mod knob;
 mod pareto;
 mod peer;
@@ -18,6 +19,7 @@ mod reference;
 mod run;
 mod sweep;
 mod table;
+mod trial;
 
 pub use knob::{Knob, Method};
 pub use peer::{PeerError, installed as povray_installed};

@@ -10,10 +10,10 @@ fn unbeaten((seconds, error): (Duration, f64), all: &[(Duration, f64)]) -> bool 
     !all.iter().any(|&(s, e)| s <= seconds && e <= error && (s < seconds || e < error))
 }
 
-/// Brings points into order, marks the Pareto front of trace time against RMSE, and recommends
+/// Brings points into order of their methods, marks the Pareto front of trace time against RMSE, and recommends
 /// the cheapest setting of this program whose RMSE is at most `target` 8-bit steps.
 pub(super) fn conclude(points: &mut [Point], target: f64) -> Option<Recommendation> {
-    points.sort_by(|a, b| a.method.cmp(&b.method).then(a.trace.cmp(&b.trace)));
+    points.sort_by_key(|p| p.method);
     let all: Vec<(Duration, f64)> = points.iter().map(|p| (p.trace, p.metrics.rmse)).collect();
     for (point, &of) in points.iter_mut().zip(&all) {
         point.front = unbeaten(of, &all);
@@ -36,7 +36,6 @@ pub(super) mod tests {
         Point {
             method,
             value: value.into(),
-            knob: None,
             flags: vec![format!("--{}", method.name()), value.into()],
             trace: Duration::from_secs_f64(trace),
             whole: Duration::from_secs_f64(trace + 0.1),
@@ -74,9 +73,9 @@ pub(super) mod tests {
         ];
         assert_eq!(conclude(&mut points, 0.01), None);
         assert_eq!(front(&points), ["1", "0.5", "1", "default"]);
-        // By method, then by seconds.
+        // By method, and within it as they came.
         let order: Vec<&str> = points.iter().map(|p| p.value.as_str()).collect();
-        assert_eq!(order, ["1", "0.5", "1", "16", "64", "default"]);
+        assert_eq!(order, ["1", "0.5", "64", "1", "16", "default"]);
     }
 
     #[test]

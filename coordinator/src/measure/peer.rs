@@ -24,7 +24,7 @@ pub enum PeerError {
 }
 
 /// A setting of POV-Ray.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rung {
     /// As its command line has it.
     pub(super) flags: &'static [&'static str],

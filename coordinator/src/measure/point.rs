@@ -6,7 +6,7 @@ use tessera_core::film::Metrics;
 use tessera_core::settings::Settings;
 use tessera_core::trace::RayCounts;
 
-use super::knob::{Knob, Method};
+use super::knob::Method;
 use super::reference::Reference;
 
 /// An error that a render predicted of itself, in fractions of full scale.
@@ -50,8 +50,6 @@ pub struct Point {
     pub method: Method,
     /// Its value, as flags spell it.
     pub value: String,
-    /// The setting, where it is one of this program's.
-    pub knob: Option<Knob>,
     /// The program's own flags for it.
     pub flags: Vec<String>,
     /// From structures built to the last pixel: the median of all runs.
@@ -110,7 +108,7 @@ pub struct Measured {
     pub reference: Option<Reference>,
     /// Whether all were compared as codes can hold them: clamped to [0, 1].
     pub clamped: bool,
-    /// Points by method, then by seconds.
+    /// Points by method, the coarsest setting of each first.
     pub points: Vec<Point>,
     /// What was left out.
     pub skipped: Vec<Skipped>,

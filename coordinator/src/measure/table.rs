@@ -131,20 +131,30 @@ impl Measured {
 
 /// What a reference is, and how good.
 pub(super) fn told(reference: &Reference) -> String {
-    let own = |what: &str| match reference.own_error {
-        Some(e) => format!(", itself off by {} 8-bit steps (RMSE{what})", figure(255.0 * e)),
-        None => ", its own error unknown".into(),
+    let own = |by: &str| match reference.own_error {
+        Some(e) => format!("; its own error is {}{by}", rough(255.0 * e)),
+        None => "; its own error is not known".into(),
     };
     match &reference.source {
         Source::Rendered(grids) => {
-            let parts: Vec<String> = grids.iter().map(|n| format!("{n}×{n}")).collect();
+            let parts: Vec<String> = grids.iter().map(|n| format!("{n}²")).collect();
             let samples = reference.samples().unwrap_or_default();
-            format!("{samples} samples a pixel ({}){}", parts.join(" + "), own(", measured between them"))
+            format!("{samples} samples a pixel ({}){}", parts.join(" + "), own(""))
         }
         Source::File(path, codes) => {
-            let what = if *codes { ", by rounding alone" } else { "" };
-            format!("'{}'{}", path.display(), own(what))
+            format!("{}{}", path.display(), own(if *codes { ", by rounding alone" } else { "" }))
         }
+    }
+}
+
+/// At two significant digits.
+pub(super) fn rough(x: f64) -> String {
+    match x.abs() {
+        a if a >= 9.95 => format!("{x:.0}"),
+        a if a >= 0.995 => format!("{x:.1}"),
+        a if a >= 0.0995 || a == 0.0 => format!("{x:.2}"),
+        a if a >= 0.00995 => format!("{x:.3}"),
+        _ => format!("{x:.4}"),
     }
 }
 
@@ -244,7 +254,7 @@ pub(super) mod tests {
         assert!(line(&["samples", "1"]).starts_with(" *"));
         assert!(line(&["samples", "64"]).starts_with("  "));
         assert!(line(&["quality", "final"]).contains("~0.200") && line(&["quality", "final"]).contains("0.220"));
-        assert!(text.contains("290 samples a pixel (11×11 + 13×13), itself off by 0.0800"));
+        assert!(text.contains("290 samples a pixel (11² + 13²); its own error is 0.080"));
         assert!(text.contains("  coordinator render demo.xml --max-error 0.5\n"));
         assert!(text.contains("--samples 144: no time"));
     }
@@ -260,6 +270,7 @@ pub(super) mod tests {
 
     #[test]
     fn figures_have_three_digits() {
+        assert_eq!([12.3, 1.23, 0.123, 0.0123, 0.00123].map(rough), ["12", "1.2", "0.12", "0.012", "0.0012"]);
         let said = [123.4, 12.34, 9.999, 1.234, 0.1234, 0.01234, 0.0, 0.00012].map(figure);
         assert_eq!(said, ["123", "12.3", "10.0", "1.23", "0.123", "0.0123", "0.000", "0.00012"]);
     }

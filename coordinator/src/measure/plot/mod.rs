@@ -13,7 +13,7 @@ use labels::{Label, Labels};
 
 use super::knob::Method;
 use super::point::{Measured, Point};
-use super::table::{figure, told};
+use super::table::{rough, told};
 
 const WIDTH: u32 = 960;
 const HEIGHT: u32 = 620;
@@ -75,8 +75,9 @@ impl Plot {
         sheet.axes();
         sheet.levels();
         sheet.lines();
-        sheet.markers();
+        // Names first: the white around letters must not cut into a marker.
         sheet.names();
+        sheet.markers();
         Some(Self(sheet.drawing))
     }
 
@@ -177,7 +178,7 @@ impl<'a> Sheet<'a> {
             self.drawing.polygon(corners, Some(SHADE), None);
             // Where the band is too low for words, the heading has said it.
             if BOTTOM - y >= 22.0 {
-                let text = format!("the reference's own error: {}", figure(own));
+                let text = format!("the reference's own error: {}", rough(own));
                 self.drawing.text(Text::new((LEFT + 8.0, y + 16.0), 12.0, QUIET, text));
             }
         }
@@ -257,7 +258,7 @@ impl<'a> Sheet<'a> {
             let named = p.method == Method::Quality;
             let text = Text::new((0.0, 0.0), if named { 13.0 } else { 12.0 }, colour(p.method), name(p));
             let text = if named { text.medium() } else { text };
-            labels.put(Label { text, near: vec![self.place(p)], gap: 7.0, needed: named });
+            labels.put(Label { text, near: vec![self.place(p)], gap: if named { 9.0 } else { 7.0 }, needed: named });
         }
         for text in labels.done() {
             self.drawing.text(text.on_seam());
