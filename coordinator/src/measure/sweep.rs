@@ -62,7 +62,7 @@ pub(super) fn steps(target: f64, max_depth: u32, mirrors: bool, peers: bool) -> 
 /// What a setting costs on a scene of middling difficulty, in renders of one sample a pixel.
 fn rough_cost(knob: &Knob) -> f64 {
     // Time rises with the inverse of the error to about this power.
-    let adaptive = |steps: f64| 6.0 * libm::pow(0.5 / steps, 0.7);
+    let adaptive = |steps: f64| (6.0 * libm::pow(0.5 / steps, 0.7)).max(1.5);
     match *knob {
         Knob::MaxError(steps) => 1.3 * adaptive(steps),
         Knob::Quality(quality) => adaptive(2.0 * 255.0 * quality.tolerance().fraction()),

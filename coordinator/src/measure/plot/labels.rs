@@ -120,7 +120,7 @@ fn around((x, y): Place, (width, size): (f64, f64), gap: f64) -> Vec<Area> {
     for gap in [gap, 2.0 * gap, 3.5 * gap] {
         let (over, under) = (y - gap - height, y + gap);
         let (after, before) = (x + gap, x - gap - width);
-        let near = 0.6 * gap;
+        let near = 0.9 * gap;
         for (left, top) in [
             (after, y - 0.5 * height),
             (x + near, y - near - height),
