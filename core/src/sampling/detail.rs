@@ -2,6 +2,9 @@
 
 use glam::DVec2;
 
+use super::cell::{Cell, Outcome};
+use super::part::Part;
+use super::store::Store;
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
 use crate::scene::Pigment;
@@ -9,6 +12,28 @@ use crate::trace::{PlanePoint, Tracer};
 
 /// Texels looked at along an edge of a footprint at most.
 const EDGE: i64 = 8;
+
+/// Takes a picture that a whole cell shows into account.
+pub(crate) fn add(store: &Store<'_>, cell: &Cell, outcome: &mut Outcome) {
+    let tracer = store.tracer;
+    if tracer.prepared().scene.pictures().is_empty() || cell.part.depth() != 1 {
+        return;
+    }
+    let Some(object) = store.object(cell.corners[0]) else { return };
+    if cell.corners.iter().any(|&s| store.object(s) != Some(object)) {
+        return;
+    }
+    let at = |x: i32, y: i32| store.point(x, y);
+    let (x, y, s) = (cell.x, cell.y, cell.size);
+    let points = [at(x, y), at(x + s, y), at(x + s, y + s), at(x, y + s)];
+    let Some(spread) = tracer.picture_spread(object, points) else { return };
+    let lights = match cell.part {
+        Part::Light(..) => 1,
+        _ => tracer.lights().len().min(2),
+    };
+    let e = 0.5 * spread * lights as f64 * cell.edge() * cell.edge();
+    outcome.variance += e * e;
+}
 
 impl Tracer {
     /// Root mean square distance from their mean of a picture's texels between four points of the

@@ -36,9 +36,6 @@ pub(crate) fn crossings(
     (lo, hi): (f64, f64),
     found: &mut Vec<Crossing>,
 ) {
-    if object == u32::MAX {
-        return;
-    }
     let mut push = |t: f64, curve: u8| {
         if t > lo && t < hi {
             found.push(Crossing { t, object, curve });

@@ -9,6 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::outline::vector;
+use super::shadow;
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 use crate::trace::Tracer;
@@ -16,19 +17,28 @@ use crate::trace::Tracer;
 /// The least overlap that is looked for, in pixels; a quarter of what is promised.
 pub(crate) const LEAST: f64 = 1.0 / 256.0;
 /// Outlines of spheres are taken as polygons of so many corners.
-const ROUND: usize = 16;
+pub(crate) const ROUND: usize = 16;
 /// Outlines wider and higher than this many pixels are looked at only where they end.
 const WIDE: f64 = 6.0;
 
 /// A convex polygon of the image plane in pixels, x to the right, y down.
-type Polygon = Vec<[f64; 2]>;
+pub(crate) type Polygon = Vec<[f64; 2]>;
 
-/// An object's overlap with a pixel.
+/// What could be overlooked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum What {
+    /// An object.
+    Object(u32),
+    /// A shadow in the light of this number.
+    Shadow(u32),
+}
+
+/// The overlap of an object or a shadow with a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Mark {
     /// Row and column, packed for sorting.
     pub(crate) pixel: u64,
-    pub(crate) object: u32,
+    pub(crate) what: What,
     /// Overlap in pixels.
     pub(crate) area: f32,
     /// A point of the overlap, relative to the pixel.
@@ -52,11 +62,16 @@ impl Marks {
             .into_par_iter()
             .flat_map_iter(|id| {
                 let mut found = Vec::new();
-                mark(tracer, id as u32, &mut found);
+                if let Some(p) = outline(tracer, id as u32) {
+                    mark(tracer, &p, What::Object(id as u32), &mut found);
+                }
                 found
             })
             .collect();
-        marks.par_sort_unstable_by_key(|m| (m.pixel, m.object));
+        marks.extend(shadow::marks(tracer));
+        marks.par_sort_unstable_by(|a, b| {
+            (a.pixel, a.what).cmp(&(b.pixel, b.what)).then(a.area.total_cmp(&b.area)).then(a.at[0].total_cmp(&b.at[0]))
+        });
         Self(marks)
     }
 
@@ -67,19 +82,20 @@ impl Marks {
         let length = self.0[start..].partition_point(|m| m.pixel == key);
         &self.0[start..start + length]
     }
+}
 
-    pub(crate) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
+/// Where a direction of local space is seen, in pixels.
+pub(crate) fn to_pixels(tracer: &Tracer, d: DVec3) -> Option<[f64; 2]> {
+    let view = &tracer.settings().view;
+    let unit = f64::from(super::store::UNIT);
+    let (w, h) = (f64::from(view.width()), f64::from(view.height()));
+    tracer.project(d).map(|(x, y)| [x / unit + 0.5 * w, 0.5 * h - y / unit])
 }
 
 /// The outline of `object` in pixels, `None` where a part of it is not before the camera.
 pub(crate) fn outline(tracer: &Tracer, object: u32) -> Option<Polygon> {
     let prepared = tracer.prepared();
-    let view = &tracer.settings().view;
-    let unit = f64::from(super::adaptive::GRID) * 2.0;
-    let (w, h) = (f64::from(view.width()), f64::from(view.height()));
-    let to_pixels = |d: DVec3| tracer.project(d).map(|(x, y)| [x / unit + 0.5 * w, 0.5 * h - y / unit]);
+    let to_pixels = |d: DVec3| to_pixels(tracer, d);
     match kind(&prepared.scene, ObjectId(object)) {
         Kind::Plane(_) => None,
         Kind::Triangle(i) => {
@@ -89,31 +105,33 @@ pub(crate) fn outline(tracer: &Tracer, object: u32) -> Option<Polygon> {
         Kind::Sphere(i) => {
             let s = &prepared.local.spheres[i];
             let c = vector(s.c);
-            let cc = c.dot(c);
-            let rest = 1.0 - s.r * s.r / cc;
-            if !(rest > 0.0) {
-                return None;
-            }
-            // The circle where tangents from the camera touch.
-            let (middle, radius) = (c * rest, s.r * rest.sqrt());
-            let axis = if c.x.abs() <= c.y.abs() && c.x.abs() <= c.z.abs() {
-                DVec3::X
-            } else if c.y.abs() <= c.z.abs() {
-                DVec3::Y
-            } else {
-                DVec3::Z
-            };
-            let a = c.cross(axis);
-            let a = a * (radius / a.dot(a).sqrt());
-            let b = c.cross(a) * (1.0 / cc.sqrt());
-            (0..ROUND)
-                .map(|k| {
-                    let angle = std::f64::consts::TAU * (k as f64 + 0.5) / ROUND as f64;
-                    to_pixels(middle + a * libm::cos(angle) + b * libm::sin(angle))
-                })
-                .collect()
+            rim(c, s.r)?.into_iter().map(to_pixels).collect()
         }
     }
+}
+
+/// Points of the circle where tangents from the origin touch a sphere; none from inside.
+pub(crate) fn rim(c: DVec3, r: f64) -> Option<[DVec3; ROUND]> {
+    let cc = c.dot(c);
+    let rest = 1.0 - r * r / cc;
+    if !(rest > 0.0) {
+        return None;
+    }
+    let (middle, radius) = (c * rest, r * rest.sqrt());
+    let axis = if c.x.abs() <= c.y.abs() && c.x.abs() <= c.z.abs() {
+        DVec3::X
+    } else if c.y.abs() <= c.z.abs() {
+        DVec3::Y
+    } else {
+        DVec3::Z
+    };
+    let a = c.cross(axis);
+    let a = a * (radius / a.dot(a).sqrt());
+    let b = c.cross(a) * (1.0 / cc.sqrt());
+    Some(std::array::from_fn(|k| {
+        let angle = std::f64::consts::TAU * (k as f64 + 0.5) / ROUND as f64;
+        middle + a * libm::cos(angle) + b * libm::sin(angle)
+    }))
 }
 
 /// The part of a convex polygon on the side of a line where sign · (p\[axis\] − at) ≥ 0.
@@ -172,12 +190,12 @@ pub(crate) fn contains(p: &Polygon, at: [f64; 2]) -> bool {
     !(left && right)
 }
 
-fn mark(tracer: &Tracer, object: u32, found: &mut Vec<Mark>) {
-    let Some(p) = outline(tracer, object) else { return };
+/// Lists the pixels that a convex outline overlaps without covering a corner of theirs.
+pub(crate) fn mark(tracer: &Tracer, p: &Polygon, what: What, found: &mut Vec<Mark>) {
     let view = &tracer.settings().view;
     let (w, h) = (f64::from(view.width()), f64::from(view.height()));
     let (mut lo, mut hi) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for c in &p {
+    for c in p {
         for k in 0..2 {
             lo[k] = lo[k].min(c[k]);
             hi[k] = hi[k].max(c[k]);
@@ -187,20 +205,20 @@ fn mark(tracer: &Tracer, object: u32, found: &mut Vec<Mark>) {
         return;
     }
     let size = [hi[0] - lo[0], hi[1] - lo[1]];
-    let whole = area(&p).0;
+    let whole = area(p).0;
     if !(whole >= LEAST) {
         return;
     }
     let range = |lo: f64, hi: f64, n: f64| (lo.max(0.0).floor() as u32, hi.min(n).ceil() as u32);
     let look = |x: u32, y: u32, found: &mut Vec<Mark>| {
         let (x0, y0) = (f64::from(x), f64::from(y));
-        if [[x0, y0], [x0 + 1.0, y0], [x0, y0 + 1.0], [x0 + 1.0, y0 + 1.0]].iter().any(|&c| contains(&p, c)) {
+        if [[x0, y0], [x0 + 1.0, y0], [x0, y0 + 1.0], [x0 + 1.0, y0 + 1.0]].iter().any(|&c| contains(p, c)) {
             return;
         }
-        let (overlap, at) = area(&clip(&p, [x0, y0, x0 + 1.0, y0 + 1.0]));
+        let (overlap, at) = area(&clip(p, [x0, y0, x0 + 1.0, y0 + 1.0]));
         if overlap >= LEAST {
             let at = [(at[0] - x0) as f32, (at[1] - y0) as f32];
-            found.push(Mark { pixel: pack(x, y), object, area: overlap as f32, at });
+            found.push(Mark { pixel: pack(x, y), what, area: overlap as f32, at });
         }
     };
     if size[0] <= WIDE && size[1] <= WIDE {
@@ -222,7 +240,7 @@ fn mark(tracer: &Tracer, object: u32, found: &mut Vec<Mark>) {
     });
     let width = 2.0 * whole / length.fold(0.0, f64::max);
     if width > 1.5 {
-        for c in &p {
+        for c in p {
             if c[0] >= 0.0 && c[1] >= 0.0 && c[0] < w && c[1] < h {
                 look(c[0] as u32, c[1] as u32, found);
             }
@@ -234,7 +252,7 @@ fn mark(tracer: &Tracer, object: u32, found: &mut Vec<Mark>) {
     let (first, last) = range(lo[along], hi[along], if along == 0 { w } else { h });
     for i in first..last {
         let (mut a, mut b) = (Vec::new(), Vec::new());
-        cut(&p, along, f64::from(i), 1.0, &mut a);
+        cut(p, along, f64::from(i), 1.0, &mut a);
         cut(&a, along, f64::from(i) + 1.0, -1.0, &mut b);
         let (mut lo, mut hi) = (f64::INFINITY, f64::NEG_INFINITY);
         for c in &b {

@@ -9,6 +9,7 @@ mod packet;
 mod path;
 mod prepared;
 mod query;
+pub(crate) mod record;
 mod shade;
 pub(crate) mod texture;
 mod wave;
@@ -26,14 +27,17 @@ use crate::film::transfer::to_linear;
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
-use crate::sampling::adaptive;
 use crate::sampling::small::Marks;
+use crate::sampling::{adaptive, store};
 use crate::scene::{PictureId, Pigment};
 use crate::settings::{Sampling, Settings, Tolerance};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
+pub(crate) use path::{PathScratch, mix};
+use record::{Recording, Records, Want};
 use texture::{Mapping, Texels};
-use wave::{Wave, WaveScratch};
+use wave::Wave;
+pub(crate) use wave::WaveScratch;
 
 /// Rays traced, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,20 +71,13 @@ pub enum PrepareError {
 
 /// What one point of the image plane shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub(crate) struct Sample {
     /// Linear, unclamped radiance.
-    pub radiance: DVec3,
-    /// A hash of everything discrete along the path: objects met, sides struck, lights seen.
-    /// Between two points of equal signature, radiance varies smoothly or a feature lies hidden.
-    pub signature: u64,
-    /// The object met first, [`Sample::NOTHING`] for none. Comparable within one scene only.
-    pub object: u32,
+    pub(crate) radiance: DVec3,
 }
 
 impl Sample {
-    /// In place of an object: the background.
-    pub const NOTHING: u32 = u32::MAX;
-    const BLANK: Self = Self { radiance: DVec3::ZERO, signature: 0, object: Self::NOTHING };
+    const BLANK: Self = Self { radiance: DVec3::ZERO };
 }
 
 /// A surface under a transfer: linear colour times diffuse, and what it mirrors.
@@ -124,7 +121,7 @@ impl Tracer {
         }
         let grid = match settings.sampling {
             Sampling::Uniform { grid } => grid,
-            Sampling::Adaptive { .. } => adaptive::GRID,
+            Sampling::Adaptive { .. } => store::GRID,
         };
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
@@ -156,6 +153,20 @@ impl Tracer {
             tracer.marks = Marks::new(&tracer);
         }
         Ok(tracer)
+    }
+
+    /// The lights, in local space.
+    pub(crate) fn lights(&self) -> &[DVec3] {
+        &self.prepared.local.lights
+    }
+
+    /// A bound on the largest component of radiance along any ray; infinite where mirrors keep everything.
+    pub(crate) fn brightest(&self) -> f64 {
+        let lights = self.lights().len() as f64;
+        let sent = |m: &Material| m.albedo.max_element() * lights;
+        let most = self.materials.iter().map(sent).fold(self.background.max_element(), f64::max);
+        let reflect = self.materials.iter().map(|m| m.reflect).fold(0.0, f64::max);
+        most / (1.0 - reflect).max(0.0)
     }
 
     pub(crate) fn marks(&self) -> &Marks {
@@ -250,15 +261,23 @@ impl Tracer {
         Self { level, ..self }
     }
 
-    /// What each of `points` shows, in their order; units are 1/(2·grid) pixel of the settings' sampling.
-    /// Sequential: callers spread work over threads. Neighbours in the list had better be
-    /// neighbours in the plane.
-    #[must_use]
-    pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
-        let (mut scratch, mut counts) = (WaveScratch::default(), RayCounts::default());
-        let mut out = vec![Sample::BLANK; points.len()];
-        self.trace(points, true, &mut out, &mut scratch, &mut counts);
-        (out, counts)
+    /// Records the paths through `points`, each as far as its want goes and its weight is not
+    /// below `least`; units are 1/(2·grid) pixel. Sequential: callers spread work over threads.
+    /// Neighbours in the list had better be neighbours in the plane.
+    pub(crate) fn record(
+        &self,
+        points: &[PlanePoint],
+        wants: &[Want],
+        least: f64,
+        records: &mut Records,
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
+        let mut out = [Sample::BLANK; wave::PATHS];
+        for (points, wants) in points.chunks(wave::PATHS).zip(wants.chunks(wave::PATHS)) {
+            let (record, out) = (Some(Recording::new(wants, records, least)), &mut out[..points.len()]);
+            dispatch(self.level, Wave { tracer: self, points, record, out, scratch, counts });
+        }
     }
 
     /// What `id` does with light.
@@ -273,16 +292,9 @@ impl Tracer {
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
-    fn trace(
-        &self,
-        points: &[PlanePoint],
-        signatures: bool,
-        out: &mut [Sample],
-        scratch: &mut WaveScratch,
-        counts: &mut RayCounts,
-    ) {
+    fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            let wave = Wave { tracer: self, points, signatures, out, scratch: &mut *scratch, counts: &mut *counts };
+            let wave = Wave { tracer: self, points, record: None, out, scratch: &mut *scratch, counts: &mut *counts };
             dispatch(self.level, wave);
         }
     }
@@ -303,7 +315,7 @@ impl Tracer {
         let point = |&(x, y): &(u32, u32)| self.frame.point((block.x0 + x / n, block.y0 + y / n), (x % n, y % n));
         let points: Vec<PlanePoint> = places.iter().map(point).collect();
         let mut samples = vec![Sample::BLANK; points.len()];
-        self.trace(&points, false, &mut samples, scratch, counts);
+        self.trace(&points, &mut samples, scratch, counts);
         let mut ordered = vec![DVec3::ZERO; points.len()];
         for (&(x, y), s) in places.iter().zip(&samples) {
             ordered[(y * width + x) as usize] = s.radiance;

@@ -5,7 +5,9 @@ use glam::DVec3;
 use super::arbiter::{self, Decision};
 use super::camera::PlanePoint;
 use super::court::Court;
+use super::packet::{INSIDE, NONE};
 use super::query::{Closest, Occluded, Scratch};
+use super::record::Recording;
 use super::shade::{self, Place};
 use super::texture;
 use super::{RayCounts, Sample, Tracer};
@@ -31,8 +33,17 @@ pub(crate) struct PathScratch {
 }
 
 impl Tracer {
-    /// What is seen through `point`.
-    pub(crate) fn sample(&self, point: PlanePoint, scratch: &mut PathScratch, counts: &mut RayCounts) -> Sample {
+    /// What is seen through `point`; recorded as the path given with `record`.
+    pub(crate) fn sample(
+        &self,
+        point: PlanePoint,
+        scratch: &mut PathScratch,
+        counts: &mut RayCounts,
+        mut record: Option<(&mut Recording<'_>, usize)>,
+    ) -> Sample {
+        if let Some((record, path)) = &mut record {
+            record.restart(*path);
+        }
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
@@ -41,8 +52,6 @@ impl Tracer {
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
         let mut sum = DVec3::ZERO;
-        let mut signature = 0;
-        let mut object = Sample::NOTHING;
         counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
             let decision = match self.prepared.closest(&ray, from, query) {
@@ -54,16 +63,12 @@ impl Tracer {
                 }
             };
             let Some(decision) = decision else {
-                return Sample {
-                    radiance: sum + self.background * throughput,
-                    signature: mix(signature, u64::MAX),
-                    object,
-                };
+                let background = self.background * throughput;
+                if let Some((record, path)) = &mut record {
+                    record.meet(*path, NONE, (DVec3::ZERO, DVec3::ZERO), background);
+                }
+                return Sample { radiance: sum + background };
             };
-            if depth == 1 {
-                object = decision.id.0;
-            }
-            signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
             let mut wide = if self.too_wide(&place, throughput) { exact.hit(trail, decision) } else { None };
@@ -86,6 +91,10 @@ impl Tracer {
                 let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
                 place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
             }
+            if let Some((record, path)) = &mut record {
+                let code = decision.id.0 | if decision.inside { INSIDE } else { 0 };
+                record.meet(*path, code, (place.p.to_dvec3(), place.n.to_dvec3()), color * throughput);
+            }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
@@ -96,6 +105,9 @@ impl Tracer {
                         None => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
+                        continue;
+                    }
+                    if record.as_ref().is_some_and(|(r, path)| !r.want(*path).looks_for(depth, k as u32)) {
                         continue;
                     }
                     counts.shadow += 1;
@@ -111,14 +123,32 @@ impl Tracer {
                     };
                     if !blocked {
                         cosines.push(cosine);
-                        signature ^= mix(signature | 1, k as u64 + 1).rotate_left(depth);
+                        if let Some((record, path)) = &mut record {
+                            record.see(*path, k);
+                        }
                     }
                 }
                 let lit: f64 = cosines.iter().sum();
-                sum += color * (throughput * lit);
+                let direct = color * (throughput * lit);
+                sum += direct;
+                if let Some((record, path)) = &mut record {
+                    record.add(*path, direct);
+                }
             }
             throughput *= material.reflect;
-            if throughput == 0.0 || depth == self.settings.max_depth {
+            if throughput == 0.0 {
+                break;
+            }
+            if let Some((record, path)) = &mut record {
+                if depth == self.settings.max_depth || throughput < record.least {
+                    record.lose(*path, throughput);
+                    break;
+                }
+                if !record.want(*path).goes_beyond(depth) {
+                    break;
+                }
+            }
+            if depth == self.settings.max_depth {
                 break;
             }
             counts.mirror += 1;
@@ -129,10 +159,9 @@ impl Tracer {
             trail.push(decision);
             from = Some(decision);
         }
-        Sample { radiance: sum, signature, object }
+        Sample { radiance: sum }
     }
 
-    /// Where `ray` meets what it is known to meet, in f64.
     /// Where on its picture `object` is seen through `point`, which sees it.
     pub(crate) fn picture_coordinates(&self, object: u32, point: PlanePoint) -> glam::DVec2 {
         let (scene, local) = (&self.prepared.scene, &self.prepared.local);
@@ -145,6 +174,14 @@ impl Tracer {
         texture::coordinates(scene, local, &self.mappings, met, &self.place(&ray, met, None), &ray).0
     }
 
+    /// The point that `ray` meets first and its normal there, as far as f64 tells.
+    pub(crate) fn surface_along(&self, ray: &Ray, scratch: &mut PathScratch) -> Option<(DVec3, DVec3)> {
+        let Closest::Sure(met) = self.prepared.closest(ray, None, &mut scratch.query) else { return None };
+        let place = self.place(ray, met, None);
+        Some((place.p.to_dvec3(), place.n.to_dvec3()))
+    }
+
+    /// Where `ray` meets what it is known to meet, in f64.
     fn place(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> Place {
         let local = &self.prepared.local;
         match kind(&self.prepared.scene, decision.id) {

@@ -9,13 +9,14 @@ use crate::trace::camera::PlanePoint;
 use crate::trace::court::Court;
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
+use crate::trace::record::Recording;
 use crate::trace::shade::{self, Place};
 use crate::trace::{Sample, Tracer, texture};
 
 use super::lanes::{Places, Rays};
 
 /// The paths of one wave.
-pub(super) struct Paths<'a> {
+pub(super) struct Paths<'a, 'r> {
     pub(super) tracer: &'a Tracer,
     pub(super) points: &'a [PlanePoint],
     pub(super) out: &'a mut [Sample],
@@ -32,10 +33,11 @@ pub(super) struct Paths<'a> {
     pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
-    pub(super) signatures: bool,
+    /// Where paths are recorded, if they are.
+    pub(super) record: Option<Recording<'r>>,
 }
 
-impl<'a> Paths<'a> {
+impl<'a> Paths<'a, '_> {
     /// The court of `path`, and what that path met before this step.
     fn court(&mut self, path: usize) -> (&mut Court<'a>, Vec<Decision>) {
         self.refined += 1;
