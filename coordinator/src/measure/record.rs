@@ -179,7 +179,7 @@ impl Measured {
             skipped: self.skipped.iter().map(|s| SkippedRecord { setting: &s.what, reason: &s.why }).collect(),
             recommendation: self.recommended().map(|p| Advice {
                 flags: p.flags.clone(),
-                command: format!("{render} {}", p.flags.join(" ")),
+                command: self.command(render, p),
                 rmse: p.metrics.rmse_steps(),
                 trace_seconds: p.trace.as_secs_f64(),
             }),

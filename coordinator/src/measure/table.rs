@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::knob::Method;
-use super::point::{Measured, Point};
+use super::point::{Measured, Point, Skipped};
 use super::reference::{Reference, Source};
 
 /// Names of columns, with their alignment: texts to the left, numbers to the right.
@@ -25,8 +25,8 @@ const COLUMNS: [(&str, bool); 14] = [
 ];
 
 impl Measured {
-    /// The table, what its marks mean, and what is recommended. `render` is the command line that a setting's
-    /// flags are added to.
+    /// The table, what its marks mean, and what is recommended. `render` is the command line that depth and
+    /// a setting's flags are added to.
     #[must_use]
     pub fn to_text(&self, render: &str) -> String {
         let mut text = String::new();
@@ -45,12 +45,7 @@ impl Measured {
             text.push('\n');
             self.legend(&mut text);
         }
-        if !self.skipped.is_empty() {
-            text.push_str("\nleft out:\n");
-            for s in &self.skipped {
-                let _ = writeln!(text, "  {}: {}", s.what, s.why);
-            }
-        }
+        self.left_out(&mut text);
         if self.interrupted {
             text.push_str("\ninterrupted: this is what was measured until then\n");
         }
@@ -86,6 +81,20 @@ impl Measured {
         }
     }
 
+    /// What was not measured, by reasons.
+    fn left_out(&self, text: &mut String) {
+        let mut told: Vec<&str> = Vec::new();
+        for Skipped { why, .. } in &self.skipped {
+            if told.contains(&why.as_str()) {
+                continue;
+            }
+            told.push(why);
+            let whats = self.skipped.iter().filter(|s| s.why == *why).map(|s| s.what.as_str());
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "\nleft out, for {why}: {}", whats.collect::<Vec<_>>().join(", "));
+        }
+    }
+
     fn legend(&self, text: &mut String) {
         let numbers = if self.clamped { "linear numbers, clamped to [0, 1]" } else { "linear numbers" };
         let _ = writeln!(
@@ -105,11 +114,11 @@ impl Measured {
         let target = self.target;
         match self.recommended() {
             Some(p) => format!(
-                "for an RMSE of at most {target}, the cheapest is {}: {} in {} s\n\n  {render} {}\n",
+                "for an RMSE of at most {target}, the cheapest is {}: {} in {} s\n\n  {}\n",
                 p.flags.join(" "),
                 figure(p.metrics.rmse_steps()),
                 figure(p.trace.as_secs_f64()),
-                p.flags.join(" ")
+                self.command(render, p)
             ),
             None => match self.closest() {
                 Some(p) => format!(
@@ -120,6 +129,17 @@ impl Measured {
                 None => String::new(),
             },
         }
+    }
+
+    /// The command line of a point: `render`, the depth that all had unless the point has its own, and
+    /// the point's flags.
+    pub(super) fn command(&self, render: &str, point: &Point) -> String {
+        let depth = match (point.method, self.settings.max_depth) {
+            // The default of `render`.
+            (Method::MaxDepth, _) | (_, 16) => String::new(),
+            (_, depth) => format!(" --max-depth {depth}"),
+        };
+        format!("{render}{depth} {}", point.flags.join(" "))
     }
 
     /// This program's closest point.
@@ -201,7 +221,7 @@ pub(super) mod tests {
 
     use super::*;
     use crate::measure::pareto::{conclude, tests::point};
-    use crate::measure::point::{Predicted, Rays, Skipped};
+    use crate::measure::point::{Predicted, Rays};
 
     /// A made-up measurement.
     pub(in crate::measure) fn measured() -> Measured {
@@ -237,7 +257,7 @@ pub(super) mod tests {
             reference: Some(Reference { image, source: Source::Rendered(vec![11, 13]), own_error: Some(0.08 / 255.0) }),
             clamped: true,
             points,
-            skipped: vec![Skipped { what: "--samples 144".into(), why: "no time".into() }],
+            skipped: vec![Skipped { what: "--samples 144".into(), why: "there was no time".into() }],
             recommendation,
             interrupted: false,
         }
@@ -256,7 +276,17 @@ pub(super) mod tests {
         assert!(line(&["quality", "final"]).contains("~0.200") && line(&["quality", "final"]).contains("0.220"));
         assert!(text.contains("290 samples a pixel (11² + 13²); its own error is 0.080"));
         assert!(text.contains("  coordinator render demo.xml --max-error 0.5\n"));
-        assert!(text.contains("--samples 144: no time"));
+        assert!(text.contains("left out, for there was no time: --samples 144"));
+    }
+
+    #[test]
+    fn commands_name_a_depth_once() {
+        let mut measured = measured();
+        measured.settings.max_depth = 8;
+        let shallow = point(Method::MaxDepth, "4", 0.3, 0.4);
+        assert_eq!(measured.command("render a.xml", &shallow), "render a.xml --max-depth 4");
+        let plain = point(Method::Samples, "4", 0.3, 0.4);
+        assert_eq!(measured.command("render a.xml", &plain), "render a.xml --max-depth 8 --samples 4");
     }
 
     #[test]

@@ -42,7 +42,7 @@ fn in_range(image: Image, clamped: bool) -> Image {
     if clamped { image.map(|x| x.clamp(0.0, 1.0)) } else { image }
 }
 
-const USED_UP: &str = "the budget was used up while it rendered";
+const USED_UP: &str = "the budget was used up while they rendered";
 
 impl Bench {
     /// Measures every setting there is time for.
@@ -63,7 +63,7 @@ impl Bench {
             let (name, expected) = (step.name(), expect(step));
             // One run tells as much as several, if there is no time for them.
             if !self.has_time(self.costs.expect(step)) {
-                self.skipped.push(Skipped { what: name, why: "it would not fit into the budget".into() });
+                self.skipped.push(Skipped { what: name, why: "they do not fit into the budget".into() });
                 continue;
             }
             let after = steps[i + 1..].iter().filter(worthwhile).map(expect);

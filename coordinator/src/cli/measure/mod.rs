@@ -67,7 +67,7 @@ impl Options {
         })
     }
 
-    /// The command line of a render like those measured, without its accuracy.
+    /// The command line of a render like those measured, without its accuracy and depth.
     fn render_command(&self) -> String {
         let raw = &self.raw;
         let mut words = vec!["coordinator render".to_owned(), quoted(&raw.scene)];
@@ -79,7 +79,6 @@ impl Options {
         add("--size", format!("{}x{}", raw.size.0, raw.size.1), "640x480");
         add("--zoom", raw.zoom.to_string(), "1");
         add("--plane-height", raw.plane_height.to_string(), "1");
-        add("--max-depth", raw.max_depth.to_string(), "16");
         let linear = self.settings.transfer == Transfer::Linear;
         add("--transfer", if linear { "linear" } else { "srgb" }.into(), "srgb");
         add("--workers", self.workers.to_string(), "2");

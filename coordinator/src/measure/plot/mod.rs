@@ -211,12 +211,12 @@ impl<'a> Sheet<'a> {
     }
 
     fn markers(&mut self) {
+        if let Some(p) = self.measured.recommended() {
+            self.drawing.circle(self.place(p), 11.0, Some([255; 3]), Some(Stroke::solid(INK, 1.8)));
+        }
         for method in Method::ALL.into_iter().rev() {
             for p in self.of(method) {
                 let (at, colour) = (self.place(p), colour(method));
-                if self.measured.recommended() == Some(p) {
-                    self.drawing.circle(at, 11.0, Some([255; 3]), Some(Stroke::solid(INK, 1.8)));
-                }
                 let fill = Some(if p.front { colour } else { [255; 3] });
                 let stroke = Some(Stroke::solid(colour, 1.8));
                 match outline(method, at) {
