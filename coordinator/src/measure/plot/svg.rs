@@ -126,6 +126,6 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        assert_eq!([0.0, 12.5, 3.14159, 100.0].map(number), ["0", "12.5", "3.14", "100"]);
+        assert_eq!([0.0, 12.5, 7.1249, 100.0].map(number), ["0", "12.5", "7.12", "100"]);
     }
 }
