@@ -193,3 +193,87 @@ impl Plan {
         Step { tolerance: Some(self.tolerance), regions, kept: false, dearer: 1.0 }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture whose error falls with a power of the tolerance, and never below `least`.
+    fn picture(step: &Step, whole: Region, (scale, power, least): (f64, f64, f64)) -> Outcome {
+        let tolerance = step.tolerance.map_or(0.0, Tolerance::fraction);
+        let rmse = (scale * libm::pow(tolerance, power)).max(least);
+        let regions = if step.regions.is_empty() { vec![whole] } else { step.regions.clone() };
+        let tiles: Vec<(Region, ErrorEstimate)> = regions
+            .into_iter()
+            .map(|r| {
+                let squares = rmse * rmse * r.area() as f64 * f64::from(1u32 << ErrorEstimate::SHIFT);
+                (r, ErrorEstimate { pixels: r.area(), squares: squares as u64, ..ErrorEstimate::default() })
+            })
+            .collect();
+        let mut error = ErrorEstimate::default();
+        tiles.iter().for_each(|(_, e)| error += *e);
+        Outcome { error, tiles, ..Outcome::default() }
+    }
+
+    fn region() -> Region {
+        Region { x0: 0, y0: 0, x1: 640, y1: 480 }
+    }
+
+    #[test]
+    fn errors_asked_for_are_met_and_not_by_far() {
+        for (scale, power) in [(1.0, 0.85), (0.2, 0.6), (3.0, 1.1)] {
+            for target in [4.0 / 255.0, 0.5 / 255.0, 0.1 / 255.0] {
+                let mut plan = Plan::new(Goal::Error(target), region());
+                let (mut step, mut passes, mut kept) = (plan.first(), 1, None);
+                loop {
+                    let outcome = picture(&step, region(), (scale, power, 0.0));
+                    if step.kept {
+                        kept = Some(outcome.error.rmse());
+                    }
+                    let Some(next) = plan.next(&outcome) else { break };
+                    (step, passes) = (next, passes + 1);
+                }
+                let got = kept.expect("a picture");
+                assert!(got <= 1.02 * target && got > target / 3.0, "{scale} {power}: {got} for {target}");
+                assert!(passes <= 8, "{passes} passes");
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_met_ends() {
+        let mut plan = Plan::new(Goal::Error(1e-6), region());
+        let mut step = plan.first();
+        for _ in 0..20 {
+            match plan.next(&picture(&step, region(), (1.0, 0.85, 1e-3))) {
+                Some(next) => step = next,
+                None => return,
+            }
+        }
+        panic!("no end");
+    }
+
+    #[test]
+    fn under_a_time_limit_a_coarse_picture_comes_first_and_the_worst_is_refined_first() {
+        let limit = Duration::from_secs(10);
+        let mut plan = Plan::new(Goal::Time { limit, error: None }, region());
+        let first = plan.first();
+        assert!(first.kept && first.regions.is_empty());
+        let tile = |x0| Region { x0, y0: 0, x1: x0 + 32, y1: 32 };
+        let of = |squares| ErrorEstimate { pixels: 1024, squares, ..ErrorEstimate::default() };
+        let tiles = vec![(tile(0), of(10)), (tile(32), of(1000)), (tile(64), of(100))];
+        let outcome =
+            Outcome { error: of(1110), tiles, took: Duration::from_millis(100), now: Duration::from_millis(200) };
+        let next = plan.next(&outcome).expect("there is time");
+        assert_eq!(next.regions, [tile(32), tile(64), tile(0)]);
+        assert!(next.tolerance < first.tolerance);
+        assert!(plan.next(&Outcome { now: limit, ..outcome }).is_none());
+    }
+
+    #[test]
+    fn an_error_reached_before_the_time_is_up_is_enough() {
+        let mut plan = Plan::new(Goal::Time { limit: Duration::from_secs(10), error: Some(0.01) }, region());
+        let step = plan.first();
+        assert!(plan.next(&picture(&step, region(), (0.1, 0.85, 0.0))).is_none());
+    }
+}

@@ -148,7 +148,7 @@ pub enum Quality {
     Draft,
     /// To judge it.
     Preview,
-    /// To use it: at least 99.9 % of pixels within 1/255.
+    /// To use it: nearly all pixels within 1/255.
     #[default]
     Final,
     /// To hold others against it.
@@ -165,8 +165,8 @@ impl Quality {
         let steps = match self {
             Self::Draft => 6.0,
             Self::Preview => 1.0,
-            Self::Final => 0.15,
-            Self::Reference => 0.02,
+            Self::Final => 0.06,
+            Self::Reference => 0.01,
         };
         Tolerance::new(steps / 255.0)
     }

@@ -314,7 +314,7 @@ impl TryFrom<wire::Lease> for Lease {
 
 impl From<RayCounts> for wire::RayCounts {
     fn from(r: RayCounts) -> Self {
-        Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined }
+        Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined, unresolved: r.unresolved }
     }
 }
 
@@ -325,16 +325,18 @@ impl TryFrom<wire::RayCounts> for RayCounts {
     type Error = Malformed;
 
     fn try_from(r: wire::RayCounts) -> Result<Self, Malformed> {
-        if [r.camera, r.mirror, r.shadow, r.refined].iter().any(|&n| n > MAX_RAYS) {
+        if [r.camera, r.mirror, r.shadow, r.refined, r.unresolved].iter().any(|&n| n > MAX_RAYS) {
             return Err(Malformed::Range("a number of rays"));
         }
-        Ok(Self { camera: r.camera, mirror: r.mirror, shadow: r.shadow, refined: r.refined })
+        let wire::RayCounts { camera, mirror, shadow, refined, unresolved } = r;
+        Ok(Self { camera, mirror, shadow, refined, unresolved })
     }
 }
 
 impl From<ErrorEstimate> for wire::ErrorEstimate {
     fn from(e: ErrorEstimate) -> Self {
-        Self { pixels: e.pixels, squares: e.squares, worst: e.worst }
+        let ErrorEstimate { pixels, squares, weight_squares, depth_squares, worst } = e;
+        Self { pixels, squares, worst, weight_squares, depth_squares }
     }
 }
 
@@ -344,10 +346,12 @@ impl TryFrom<wire::ErrorEstimate> for ErrorEstimate {
     fn try_from(e: wire::ErrorEstimate) -> Result<Self, Malformed> {
         // A pixel's square is at most full scale's, and rounded up.
         let most = e.pixels.checked_mul((1 << Self::SHIFT) + 1);
-        if e.pixels > MAX_TILE_PIXELS || most.is_none_or(|most| e.squares > most) {
+        let wire::ErrorEstimate { pixels, squares, worst, weight_squares, depth_squares } = e;
+        let largest = squares.max(weight_squares).max(depth_squares);
+        if pixels > MAX_TILE_PIXELS || most.is_none_or(|most| largest > most) {
             return Err(Malformed::Range("an error"));
         }
-        Ok(Self { pixels: e.pixels, squares: e.squares, worst: e.worst })
+        Ok(Self { pixels, squares, weight_squares, depth_squares, worst })
     }
 }
 

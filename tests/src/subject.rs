@@ -6,7 +6,8 @@ use glam::DVec3;
 use tessera_core::film::Region;
 use tessera_core::scene::Scene;
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
-use tessera_core::trace::{PreparedScene, RayHit, Tracer};
+use tessera_core::simd::Level;
+use tessera_core::trace::{PreparedScene, RayCounts, RayHit, Tracer};
 
 use crate::compare::{Image, assert_same_picture, difference};
 use crate::exact;
@@ -87,15 +88,32 @@ impl Subject {
         assert!(right, "ray {origin:?} + t {direction:?}: {actual:?}, not {expected:?}");
     }
 
-    /// The picture's pixels as the tracer gives them.
+    /// The picture's pixels as the tracer gives them, and the rays it took; by the instructions of
+    /// every level of this machine, each of which has to give the same bits.
     ///
     /// # Panics
-    /// When the settings are out of range.
+    /// When the settings are out of range, or a level gives other bits.
+    #[must_use]
+    pub fn trace(&self, settings: &Settings) -> (Vec<[f32; 3]>, RayCounts) {
+        let whole = Region::new(0, 0, settings.view.width(), settings.view.height());
+        let whole = whole.unwrap_or_else(|| unreachable!("a view has pixels"));
+        let by = |level: Level| {
+            let tracer = Tracer::new(Arc::clone(&self.prepared), *settings).unwrap_or_else(|e| panic!("{e}"));
+            let (tile, counts) = tracer.with_level(level).render(whole);
+            (tile.pixels, counts)
+        };
+        let (pixels, counts) = by(Level::best());
+        let bits = |pixels: &[[f32; 3]]| -> Vec<[u32; 3]> { pixels.iter().map(|p| p.map(f32::to_bits)).collect() };
+        for level in Level::all().into_iter().filter(|level| *level != Level::best()) {
+            assert_eq!(bits(&by(level).0), bits(&pixels), "{level:?} gives other bits than {:?}", Level::best());
+        }
+        (pixels, counts)
+    }
+
+    /// The picture's pixels, as [`Self::trace`] gives them.
     #[must_use]
     pub fn pixels(&self, settings: &Settings) -> Vec<[f32; 3]> {
-        let tracer = Tracer::new(Arc::clone(&self.prepared), *settings).unwrap_or_else(|e| panic!("{e}"));
-        let whole = Region::new(0, 0, settings.view.width(), settings.view.height());
-        tracer.render(whole.unwrap_or_else(|| unreachable!("a view has pixels"))).0.pixels
+        self.trace(settings).0
     }
 
     /// The whole picture.

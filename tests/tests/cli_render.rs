@@ -106,6 +106,7 @@ fn the_report_has_the_keys_that_scripts_rely_on() {
     let parts: f64 = ["read", "build", "trace", "write"].map(seconds).iter().sum();
     assert!(parts > 0.0 && parts <= seconds("total"), "{report}");
     assert_eq!(report["rays"]["camera"], 64 * 48);
+    assert_eq!(report["rays"]["unresolved"], 0);
     assert!(report["rays"]["mirror"].as_u64() > Some(0) && report["rays"]["shadow"].as_u64() > Some(0));
     assert_eq!(report["workers"].as_array().map(Vec::len), Some(2));
     assert_eq!((&report["scene"]["spheres"], &report["settings"]["max_depth"]), (&15.into(), &3.into()));

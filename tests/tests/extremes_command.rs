@@ -7,6 +7,7 @@ use std::path::Path;
 use glam::{DVec3, dvec3};
 use tessera_core::settings::{Settings, Transfer};
 use tessera_tests::compare::{Image, assert_same_picture};
+use tessera_tests::generate::contact::{KINDS, contact};
 use tessera_tests::generate::extreme::{basic, random};
 use tessera_tests::generate::{Document, Look};
 use tessera_tests::program;
@@ -87,5 +88,30 @@ fn random_scenes() {
     for seed in [1, 2, 3, 5, 8, 13, 21, 34] {
         let (document, settings) = random(seed, 64, 48);
         assert_right_by_command(&format!("random-{seed}"), &document, &settings);
+    }
+}
+
+#[test]
+fn contacts() {
+    for seed in 0..KINDS {
+        let (document, settings) = contact(seed, 64, 48);
+        assert_right_by_command(&format!("contact-{seed}"), &document, &settings);
+    }
+}
+
+/// `TESSERA_SEEDS=first..end` chooses the scenes.
+#[test]
+#[ignore = "minutes to hours"]
+fn many_scenes() {
+    let range = std::env::var("TESSERA_SEEDS").unwrap_or_else(|_| "100..200".into());
+    let (a, b) = range.split_once("..").unwrap();
+    for seed in a.parse::<u64>().unwrap()..b.parse().unwrap() {
+        for (name, (document, settings)) in [("random", random(seed, 64, 48)), ("contact", contact(seed, 64, 48))] {
+            if document.scene().is_ok() {
+                let start = std::time::Instant::now();
+                assert_right_by_command(&format!("{name}-{seed}"), &document, &settings);
+                println!("{name}-{seed}: {:?} with the oracle", start.elapsed());
+            }
+        }
     }
 }

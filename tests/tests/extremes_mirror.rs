@@ -174,3 +174,24 @@ fn mirrors_that_touch() {
         .light(0.0, 4.0, -3.0);
     assert_right_under("touching", &d, &deep(64, 48, 20));
 }
+
+#[test]
+fn what_stays_open_is_counted() {
+    // Within a mirrored sphere full of mirrored balls, every meeting takes digits off a path.
+    let mut d = Document::new(dvec3(0.1, 0.2, -0.8), dvec3(0.0, 0.1, 0.3))
+        .sphere(DVec3::ZERO, 1.0, Look::new(1.0, 0.9, 0.8, 0.1, 0.99))
+        .light(0.3, 0.5, -0.5);
+    for k in 0..8 {
+        let corner = |b: i32| if k >> b & 1 == 1 { 0.4 } else { -0.4 };
+        d = d.sphere(dvec3(corner(0), corner(1), corner(2)), 0.25, Look::new(0.8, 0.9, 1.0, 0.1, 0.99));
+    }
+    let subject = Subject::new(&d);
+    let samples = |depth| subject.trace(&deep(8, 6, depth)).1;
+    assert_eq!(samples(8).unresolved, 0, "a few mirrors leave digits enough");
+    let counts = samples(600);
+    assert!(counts.unresolved > 36, "{counts:?}");
+    assert!(counts.unresolved <= counts.camera);
+    // Flat mirrors take no digits, however many.
+    let flat = Subject::new(&facing(0.25, 1.0)).trace(&deep(16, 12, 1000)).1;
+    assert_eq!(flat.unresolved, 0, "{flat:?}");
+}

@@ -10,7 +10,7 @@ use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_core::xml::{ReadOptions, read_file};
 
 /// Bits of the picture and counts of rays of one of the scenes beside the tests.
-fn render(scene: &str, level: Level, samples: u64) -> (Vec<[u32; 3]>, [u64; 3]) {
+fn render(scene: &str, level: Level, samples: u64) -> (Vec<[u32; 3]>, [u64; 4]) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(scene);
     let read = read_file(&path, &ReadOptions::default()).expect("the scene is valid");
     let settings = Settings {
@@ -23,7 +23,7 @@ fn render(scene: &str, level: Level, samples: u64) -> (Vec<[u32; 3]>, [u64; 3]) 
     let tracer = Tracer::new(prepared, settings).expect("settings are in range").with_level(level);
     let (tile, counts) = tracer.render(Region::new(0, 0, 101, 67).expect("not empty"));
     let bits = tile.pixels.iter().map(|p| p.map(f32::to_bits)).collect();
-    (bits, [counts.camera, counts.mirror, counts.shadow])
+    (bits, [counts.camera, counts.mirror, counts.shadow, counts.unresolved])
 }
 
 #[test]

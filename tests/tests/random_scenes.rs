@@ -1,15 +1,17 @@
 //! Whole random scenes at the limits, against the 512-bit oracle.
 
 use std::ops::Range;
+use std::time::{Duration, Instant};
 
 use tessera_core::settings::Settings;
-use tessera_tests::compare::{assert_same_picture, difference};
-use tessera_tests::generate::{Document, extreme};
+use tessera_tests::compare::{Image, assert_same_picture, difference};
+use tessera_tests::generate::{Document, contact, extreme};
 use tessera_tests::subject::{Subject, colors, truth};
 
 /// Renders the scenes of the seeds and demands that no pixel is wrong.
 fn all_right(name: &str, seeds: Range<u64>, scene: impl Fn(u64) -> (Document, Settings)) {
     let (mut wrong, mut plain) = (Vec::new(), 0);
+    let (mut unresolved, mut slowest) = (0, (Duration::ZERO, 0));
     for seed in seeds.clone() {
         let (document, settings) = scene(seed);
         if document.scene().is_err() {
@@ -19,7 +21,11 @@ fn all_right(name: &str, seeds: Range<u64>, scene: impl Fn(u64) -> (Document, Se
         }
         let subject = Subject::new(&document);
         let expected = truth(subject.scene(), &settings);
-        let actual = subject.render(&settings);
+        let start = Instant::now();
+        let (pixels, counts) = subject.trace(&settings);
+        slowest = slowest.max((start.elapsed(), seed));
+        unresolved += counts.unresolved;
+        let actual = Image { pixels: pixels.iter().map(|p| p.map(f64::from)).collect(), ..expected.clone() };
         let d = difference(&expected, &actual);
         plain += u64::from(colors(&expected) < 8);
         if !d.wrong.is_empty() {
@@ -29,7 +35,13 @@ fn all_right(name: &str, seeds: Range<u64>, scene: impl Fn(u64) -> (Document, Se
         }
     }
     let count = seeds.end - seeds.start;
-    println!("{count} scenes, {plain} of them with little to see, {} wrong", wrong.len());
+    println!(
+        "{name}: {count} scenes, {plain} of them with little to see, {} wrong; {unresolved} samples left open by the \
+         widest numbers; the slowest, of seed {}, took {:?} at all levels together",
+        wrong.len(),
+        slowest.1,
+        slowest.0
+    );
     assert!(wrong.is_empty(), "{name}: wrong pictures of seeds {wrong:?}");
     assert!(plain * 3 <= count, "{plain} of {count} scenes show hardly anything");
 }
@@ -44,6 +56,11 @@ fn exact_events_are_right() {
     all_right("snapped", 0..80, extreme::snapped);
 }
 
+#[test]
+fn contacts_are_right() {
+    all_right("contact", 0..4 * contact::KINDS, |seed| contact::contact(seed, 32, 24));
+}
+
 /// `TESSERA_SEEDS=first..end` chooses the scenes.
 #[test]
 #[ignore = "minutes to hours"]
@@ -52,28 +69,6 @@ fn many_seeds_are_right() {
     let (a, b) = range.split_once("..").expect("TESSERA_SEEDS=first..end");
     let seeds = a.parse().unwrap()..b.parse().unwrap();
     all_right("snapped", seeds.clone(), extreme::snapped);
+    all_right("contact", seeds.clone(), |seed| contact::contact(seed, 64, 48));
     all_right("random", seeds, |seed| extreme::random(seed, 64, 48));
-}
-
-/// How POV-Ray fares on the same scenes.
-#[test]
-#[ignore = "a measurement, for the record"]
-fn peers_on_the_same_scenes() {
-    if !tessera_tests::peers::povray_installed() {
-        println!("skipped: povray is not installed");
-        return;
-    }
-    let (mut right, mut count) = (0, 0);
-    for seed in 0..60 {
-        let (document, settings) = extreme::random(seed, 64, 48);
-        let Ok(scene) = document.scene() else { continue };
-        count += 1;
-        let expected = truth(&scene, &settings).clamped();
-        let folder = tempfile::tempdir().unwrap();
-        let picture = tessera_tests::peers::povray(&scene, &settings, folder.path());
-        let wrong = picture.map_or(usize::MAX, |p| difference(&expected, &p).wrong.len());
-        right += u64::from(wrong == 0);
-        println!("seed {seed}: {wrong} wrong pixels");
-    }
-    println!("POV-Ray has {right} of {count} right");
 }

@@ -149,8 +149,10 @@ fn triangles() {
             };
             let o = nudge(random, o, r.stray) * unit;
             let d = nudge(random, target * unit - o, r.stray);
-            if d != DVec3::ZERO {
-                subject.judge(o, stretched(random, d))?;
+            let d = stretched(random, d);
+            // What overflows is no ray.
+            if d != DVec3::ZERO && d.is_finite() {
+                subject.judge(o, d)?;
             }
         }
         Ok(())

@@ -110,8 +110,10 @@ fn case_19_every_crossing_is_counted_once() {
 /// The most surface that a ray may see edge-on, as a cosine.
 const EDGE_ON: f64 = 1e-6;
 
-/// A scanned mesh has holes, so nothing is inside it. But a ray at an edge between two faces
-/// that both face it, or both face away, crosses one of them there.
+/// A scanned mesh has holes and edges of three faces, so nothing is inside it. But a ray at an edge
+/// between two faces that both face it, or both face away, crosses one of them there: it is met
+/// there or before, and where it is met there, by one of the two, the first in the document of
+/// those that exact arithmetic says are met.
 fn crosses_every_seam(name: &str, mesh: &Mesh) {
     let mut beside: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
     for (k, f) in mesh.faces.iter().enumerate() {
@@ -127,6 +129,13 @@ fn crosses_every_seam(name: &str, mesh: &Mesh) {
         }
     }
     seams.sort_unstable();
+    // The faces around each vertex, and how many seams run into it: as many where they close around it.
+    let mut around = vec![Vec::new(); mesh.vertices.len()];
+    for (k, f) in mesh.faces.iter().enumerate() {
+        f.iter().for_each(|&v| around[v].push(k));
+    }
+    let mut spokes = vec![0; mesh.vertices.len()];
+    seams.iter().flat_map(|(edge, _)| edge).for_each(|&v| spokes[v] += 1);
     let normals: Vec<DVec3> = (0..mesh.faces.len())
         .map(|k| {
             let [a, b, c] = mesh.corners(k);
@@ -137,30 +146,51 @@ fn crosses_every_seam(name: &str, mesh: &Mesh) {
     let size = mesh.vertices.iter().fold(0.0, |m: f64, v| m.max((*v - centre).length()));
     let subject = Subject::new(&document(mesh));
     const RUN: u64 = 1024;
-    let (tried, leaks): (u64, u64) = (0..rays().div_ceil(RUN))
+    let triangles = subject.scene().triangles();
+    let [tried, there, leaks, doubles] = (0..rays().div_ceil(RUN))
         .into_par_iter()
         .map(|run| {
             let random = &mut Random::new(run);
-            let (mut tried, mut leaks) = (0, 0);
+            let [mut tried, mut there, mut leaks, mut doubles] = [0u64; 4];
             for _ in 0..RUN {
-                let ([a, b], sides) = seams[random.below(seams.len() as u64) as usize];
-                let (a, b) = (mesh.vertices[a], mesh.vertices[b]);
+                let (edge, sides) = seams[random.below(seams.len() as u64) as usize];
+                let [a, b] = edge.map(|v| mesh.vertices[v]);
                 let o = centre + random.direction() * size * random.between(0.0, 3.0);
-                let d = a + (b - a) * random.unit() - o;
-                let [l, r] = sides.map(|k| normals[k].dot(d) / d.length());
-                if l * r > 0.0 && l.abs() > EDGE_ON && r.abs() > EDGE_ON {
-                    tried += 1;
-                    if !subject.hit(o, d).is_some_and(|h| h.t < 1.0 + 1e-6) {
-                        leaks += 1;
-                        println!("{name}: leaks from {o:?} along {d:?}");
+                let at = [0.0, 0.5, random.unit(), random.unit()][random.below(4) as usize];
+                let faces = if at == 0.0 { &around[edge[0]][..] } else { &sides[..] };
+                let d = a + (b - a) * at - o;
+                let cosines = || faces.iter().map(|&k| normals[k].dot(d) / d.length());
+                let one_way = cosines().all(|c| c > EDGE_ON) || cosines().all(|c| c < -EDGE_ON);
+                if !one_way || (at == 0.0 && spokes[edge[0]] != faces.len()) {
+                    continue;
+                }
+                tried += 1;
+                let Some(hit) = subject.hit(o, d).filter(|h| h.t < 1.0 + 1e-6) else {
+                    leaks += 1;
+                    println!("{name}: leaks from {o:?} along {d:?}");
+                    continue;
+                };
+                let met = faces.iter().filter_map(|&k| Some((k as u32, exact::to_triangle(&triangles[k], o, d)?)));
+                let near: Vec<u32> = met.filter(|(_, t)| t.within_an_ulp(hit.t)).map(|(k, _)| k).collect();
+                if let Some(&first) = near.iter().min() {
+                    there += 1;
+                    // A face of a lower number may share the point, never one of a higher.
+                    if hit.order > first || (hit.order != first && near.contains(&hit.order)) {
+                        doubles += 1;
+                        println!("{name}: met twice from {o:?} along {d:?}: {near:?}, not {}", hit.order);
                     }
                 }
             }
-            (tried, leaks)
+            [tried, there, leaks, doubles]
         })
-        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-    println!("{name}: {tried} rays through {} seams, {leaks} leaks", seams.len());
-    assert!(tried > 0 && leaks == 0, "{name}: {leaks} of {tried} rays leak");
+        .reduce(|| [0; 4], |a, b| [0, 1, 2, 3].map(|k| a[k] + b[k]));
+    println!(
+        "{name}: {tried} rays through {} seams and their ends, of {} faces, {there} met there, {leaks} leaks, {doubles} met twice",
+        seams.len(),
+        mesh.faces.len()
+    );
+    assert!(tried > 0 && there > 0 && leaks == 0, "{name}: {leaks} of {tried} rays leak");
+    assert_eq!(doubles, 0, "{name}: rays are met twice");
 }
 
 #[test]

@@ -62,16 +62,16 @@ impl Options {
     pub(crate) fn new(raw: Render) -> Result<Self, Failure> {
         let (width, height) = raw.size;
         let view = View::new(width, height, raw.zoom, raw.plane_height).map_err(Failure::usage)?;
-        let quality = raw.quality.map_or(Quality::default(), Quality::from);
-        let sampling = match raw.samples {
-            Some(samples) => Sampling::uniform(samples).map_err(Failure::usage)?,
-            None => Sampling::Adaptive { tolerance: quality.tolerance() },
-        };
-        let accuracy = match (raw.samples, raw.max_error, raw.time_limit) {
-            (Some(_), ..) => Accuracy::Samples,
-            (None, None, None) => Accuracy::Quality(quality),
+        let quality = raw.quality.map(Quality::from);
+        let accuracy = match (quality, raw.max_error, raw.time_limit) {
+            (Some(quality), ..) => Accuracy::Quality(quality),
+            (None, None, None) => Accuracy::Samples,
             (None, Some(steps), None) => Accuracy::Error(steps / 255.0),
             (None, steps, Some(limit)) => Accuracy::Time { limit, error: steps.map(|s| s / 255.0) },
+        };
+        let sampling = match accuracy {
+            Accuracy::Samples => Sampling::uniform(raw.samples.unwrap_or(1)).map_err(Failure::usage)?,
+            _ => Sampling::Adaptive { tolerance: quality.unwrap_or_default().tolerance() },
         };
         let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
         let whole = Region { x0: 0, y0: 0, x1: width, y1: height };

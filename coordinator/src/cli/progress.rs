@@ -190,7 +190,7 @@ mod tests {
             tiles_total: 9,
             pixels_done: 25,
             pixels_total: 100,
-            rays: RayCounts { camera: 10_000_000, mirror: 0, shadow: 10_000_000, refined: 5 },
+            rays: RayCounts { camera: 10_000_000, mirror: 0, shadow: 10_000_000, refined: 5, unresolved: 0 },
             workers: vec![
                 WorkerStats { connected: true, ..WorkerStats::default() },
                 WorkerStats { connected: false, ..WorkerStats::default() },

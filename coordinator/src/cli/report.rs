@@ -54,6 +54,7 @@ struct Rays {
     shadow: u64,
     total: u64,
     refined: u64,
+    unresolved: u64,
     per_second: f64,
 }
 
@@ -75,7 +76,19 @@ struct Accuracy {
     estimated_worst_pixel: Option<f64>,
     /// Sum of the pixels' expected squared errors.
     estimated_squares: Option<f64>,
+    parts: Option<Parts>,
     max_depth: u32,
+}
+
+/// The part that each approximation has in the error, as root mean squares.
+#[derive(Debug, Serialize)]
+struct Parts {
+    /// Of where samples are.
+    samples_rmse: f64,
+    /// Of paths not followed because they carry too little.
+    weight_rmse: f64,
+    /// Not in the estimate: a bound on what lies deeper than the greatest depth.
+    depth_bound: f64,
 }
 
 impl Accuracy {
@@ -103,6 +116,11 @@ impl Accuracy {
             estimated_rmse: rmse,
             estimated_rmse_8bit_steps: rmse.map(|e| 255.0 * e),
             estimated_worst_pixel: error.map(|e| e.worst_pixel()),
+            parts: error.map(|e| Parts {
+                samples_rmse: e.samples_rmse(),
+                weight_rmse: e.weight_rmse(),
+                depth_bound: e.depth_bound(),
+            }),
             estimated_squares: error.map(|e| e.rmse() * e.rmse() * e.pixels as f64),
             max_depth: options.settings.max_depth,
         }
@@ -148,6 +166,7 @@ impl Rays {
             shadow: rays.shadow,
             total,
             refined: rays.refined,
+            unresolved: rays.unresolved,
             per_second: if seconds > 0.0 { total as f64 / seconds } else { 0.0 },
         }
     }

@@ -67,8 +67,14 @@ impl Passing {
             let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
             let left = region.area() - covered.min(region.area());
             if left > 0 {
-                let squares = u128::from(error.squares) * u128::from(left) / u128::from(region.area());
-                sum += ErrorEstimate { pixels: left, squares: squares as u64, worst: error.worst };
+                let share = |squares: u64| (u128::from(squares) * u128::from(left) / u128::from(region.area())) as u64;
+                sum += ErrorEstimate {
+                    pixels: left,
+                    squares: share(error.squares),
+                    weight_squares: share(error.weight_squares),
+                    depth_squares: share(error.depth_squares),
+                    worst: error.worst,
+                };
             }
         }
         sum

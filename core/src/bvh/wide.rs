@@ -8,7 +8,7 @@ pub(crate) const WIDTH: usize = 8;
 
 /// A child: nothing, an inner node, or a run of items of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Child(pub(crate) u32);
+pub(crate) struct Child(u32);
 
 /// A [`Child`], taken apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +20,8 @@ pub(crate) enum Link {
 
 impl Child {
     pub(crate) const NOTHING: Self = Self(u32::MAX);
+    /// Node 0.
+    pub(crate) const ROOT: Self = Self(0);
     const LEAF: u32 = 1 << 31;
     const KIND: u32 = 1 << 30;
     const COUNT_SHIFT: u32 = 27;
@@ -27,6 +29,10 @@ impl Child {
     fn leaf(kind: u8, start: u32, count: u32) -> Self {
         debug_assert!((1..=8).contains(&count) && kind < 2);
         Self(Self::LEAF | if kind == 1 { Self::KIND } else { 0 } | ((count - 1) << Self::COUNT_SHIFT) | start)
+    }
+
+    pub(crate) fn inner(index: usize) -> Self {
+        Self(index as u32)
     }
 
     pub(crate) fn link(self) -> Link {

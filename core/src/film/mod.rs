@@ -10,7 +10,7 @@ mod metrics;
 mod region;
 pub mod transfer;
 
-pub use error::ErrorEstimate;
+pub use error::{ErrorEstimate, PixelError};
 pub use false_colour::{FalseColour, differences};
 pub use image::{Image, PixelsRef, pixels_sha256};
 pub use metrics::Metrics;

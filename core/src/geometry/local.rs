@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::plane::LocalPlane;
 use super::sphere::LocalSphere;
 use super::triangle::LocalTriangle;
-use super::{Aabb, U, V3};
+use super::{Aabb, DoubleDouble, U, V3};
 use crate::precise::{Big, Vector};
 use crate::scene::{Order, PlanePosition, Scene, SurfaceId, Triangle};
 
@@ -34,6 +34,8 @@ pub(crate) struct Local {
     /// Whether differences from the origin may overflow, so that quarters are taken.
     quarters: bool,
     pub(crate) planes: Vec<LocalPlane>,
+    /// The same planes to twice the digits.
+    double_planes: Vec<LocalPlane<DoubleDouble>>,
     pub(crate) spheres: Vec<LocalSphere>,
     pub(crate) lights: Vec<DVec3>,
 }
@@ -91,9 +93,18 @@ impl Local {
             PlanePosition::Distance(_) => None,
         });
         let quarters = points.fold(everything, f64::max) > 1e299 || origin.abs().max_element() > 1e299;
-        let mut local =
-            Self { origin, power, factors, quarters, planes: Vec::new(), spheres: Vec::new(), lights: Vec::new() };
-        local.planes = scene.planes().iter().map(|p| local.plane(p)).collect();
+        let mut local = Self {
+            origin,
+            power,
+            factors,
+            quarters,
+            planes: Vec::new(),
+            double_planes: Vec::new(),
+            spheres: Vec::new(),
+            lights: Vec::new(),
+        };
+        local.double_planes = scene.planes().iter().map(|p| local.plane(p)).collect();
+        local.planes = local.double_planes.iter().map(|p| LocalPlane { n: p.n.to_f64(), h: p.h.hi }).collect();
         local.spheres = scene
             .spheres()
             .iter()
@@ -127,7 +138,7 @@ impl Local {
         }
     }
 
-    fn plane(&self, p: &crate::scene::Plane) -> LocalPlane {
+    fn plane(&self, p: &crate::scene::Plane) -> LocalPlane<DoubleDouble> {
         let n = Vector::<8>::new(p.normal);
         let length = n.length();
         let unit = n * length.reciprocal();
@@ -135,7 +146,41 @@ impl Local {
             PlanePosition::Point(q) => unit.dot(&(Vector::new(q) - Vector::new(self.origin))),
             PlanePosition::Distance(d) => Big::new(d) - unit.dot(&Vector::new(self.origin)),
         };
-        LocalPlane { n: V3::splat(unit.to_f64()), h: offset.scale(-i64::from(self.power)).to_f64() }
+        let [x, y, z] = unit.0.each_ref().map(DoubleDouble::nearest);
+        LocalPlane { n: V3 { x, y, z }, h: DoubleDouble::nearest(&offset.scale(-i64::from(self.power))) }
+    }
+
+    /// A world point in local space to twice the digits, where differences do not overflow.
+    fn double_point(&self, v: DVec3) -> V3<DoubleDouble> {
+        let of = |k: usize| {
+            let d = DoubleDouble::difference(v[k], self.origin[k]);
+            d.scaled(self.factors[0]).scaled(self.factors[1])
+        };
+        V3 { x: of(0), y: of(1), z: of(2) }
+    }
+
+    /// Object `id` in local space to twice the digits; `None` where differences may overflow.
+    pub(crate) fn double(&self, scene: &Scene, id: ObjectId) -> Option<DoubleObject> {
+        if self.quarters {
+            return None;
+        }
+        Some(match kind(scene, id) {
+            Kind::Plane(i) => DoubleObject::Plane(self.double_planes[i]),
+            Kind::Sphere(i) => {
+                let s = &scene.spheres()[i];
+                let r = DoubleDouble { hi: self.spheres[i].r, lo: 0.0 };
+                DoubleObject::Sphere(LocalSphere { c: self.double_point(s.center), r })
+            }
+            Kind::Triangle(i) => {
+                let t = &scene.triangles()[i];
+                let [a, b, c] = t.written;
+                let start = self.double_point(a);
+                let other = |v: DVec3| {
+                    if t.by_sides() { start + V3::splat(self.scaled(v)) } else { self.double_point(v) }
+                };
+                DoubleObject::Triangle(LocalTriangle { v: [start, other(b), other(c)] })
+            }
+        })
     }
 
     /// The box of a sphere, its rounding included.
@@ -149,6 +194,14 @@ impl Local {
         let v = t.v[0].norm1().max(t.v[1].norm1()).max(t.v[2].norm1());
         b.padded(4.0 * U * v)
     }
+}
+
+/// An object to twice the digits.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum DoubleObject {
+    Plane(LocalPlane<DoubleDouble>),
+    Sphere(LocalSphere<DoubleDouble>),
+    Triangle(LocalTriangle<DoubleDouble>),
 }
 
 /// What [`ObjectId`] `id` names in `scene`.

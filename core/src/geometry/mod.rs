@@ -12,6 +12,7 @@
 //! (`trace::arbiter`), never by a tolerance.
 
 pub(crate) mod aabb;
+mod double;
 pub(crate) mod local;
 pub(crate) mod plane;
 pub(crate) mod ray;
@@ -20,6 +21,7 @@ pub(crate) mod sphere;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
+pub(crate) use double::DoubleDouble;
 pub(crate) use local::{Local, ObjectId};
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
 pub(crate) use real::{Real, V3};

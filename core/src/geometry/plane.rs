@@ -19,12 +19,12 @@ pub(crate) fn distance<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> (R, R) {
     let k = |x: f64| R::splat(x);
     let num = plane.h - plane.n.dot(ray.o);
     let den = plane.n.dot(ray.d);
-    let dnum = ray.eo + k(8.0 * U) * (ray.o.norm1() + plane.h.abs()) + k(TINY);
-    let dden = (ray.ed + k(8.0 * U)) * ray.len + k(TINY);
+    let dnum = ray.eo + k(8.0 * R::U) * (ray.o.norm1() + plane.h.abs()) + k(TINY);
+    let dden = (ray.ed + k(8.0 * R::U)) * ray.len + k(TINY);
     let t = num / den;
     // |num/den − num*/den*| ≤ (Δnum + |t|·Δden) / (|den| − Δden)
     let rest = (den.abs() - dden).max(k(0.0));
-    (t, (dnum + t.abs() * dden) / rest + k(8.0 * U) * t.abs())
+    (t, (dnum + t.abs() * dden) / rest + k(8.0 * R::U) * t.abs())
 }
 
 /// Where the ray meets the plane.

@@ -1,7 +1,7 @@
 //! Rays that know how wrong they may be.
 
+use super::TINY;
 use super::real::{Real, V3};
-use super::{TINY, U};
 
 /// A ray o + t·d in local space, and its distance from the ray of real arithmetic.
 #[derive(Clone, Copy, Debug)]
@@ -30,8 +30,8 @@ impl<R: Real> Ray<R> {
         let lost = R::splat(f64::INFINITY);
         let ed = (dd - R::splat(LEAST_SQUARE)).if_positive(ed, lost);
         let ed = (R::splat(GREATEST_SQUARE) - dd).if_positive(ed, lost);
-        let len = dd.sqrt() * R::splat(1.0 + 8.0 * U);
-        let inv_len = R::splat(1.0 + 16.0 * U) / len;
+        let len = dd.sqrt() * (R::splat(1.0) + R::splat(8.0 * R::U));
+        let inv_len = (R::splat(1.0) + R::splat(16.0 * R::U)) / len;
         Self { o, d, eo: eo + R::splat(TINY), ed, dd, inv_len, len }
     }
 }
@@ -54,6 +54,11 @@ pub(crate) struct Span {
 }
 
 impl Span {
+    /// The computed distance; infinite where anything is possible.
+    pub(crate) fn middle(&self) -> f64 {
+        0.5 * self.lo + 0.5 * self.hi
+    }
+
     /// t ± e of a sure member of the object: sure if surely in front of the start, `None` if surely not.
     pub(crate) fn around(t: f64, e: f64, inside: bool) -> Option<Self> {
         let (lo, hi) = (t - e, t + e);

@@ -5,10 +5,15 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use glam::DVec3;
 
-/// An f64, or several side by side. Operations are IEEE's, one rounding each, never fused.
+use super::U;
+
+/// An f64, several side by side, or a [`super::DoubleDouble`]. Operations on f64 are IEEE's, one rounding
+/// each, never fused.
 pub(crate) trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
+    /// Bounds an operation's relative error.
+    const U: f64;
     fn splat(x: f64) -> Self;
     fn sqrt(self) -> Self;
     fn abs(self) -> Self;
@@ -21,6 +26,7 @@ pub(crate) trait Real:
 }
 
 impl Real for f64 {
+    const U: f64 = U;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         x

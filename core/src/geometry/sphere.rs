@@ -34,8 +34,8 @@ impl LocalSphere {
 #[inline(always)]
 fn delta<R: Real>(ray: &Ray<R>, oc: V3<R>) -> R {
     ray.eo
-        + R::splat(4.0 * U) * ray.o.norm1()
-        + oc.norm1() * (R::splat(1.1) * ray.ed + R::splat(10.0 * U))
+        + R::splat(4.0 * R::U) * ray.o.norm1()
+        + oc.norm1() * (R::splat(1.1) * ray.ed + R::splat(10.0 * R::U))
         + R::splat(TINY)
 }
 
@@ -58,12 +58,14 @@ fn roots<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> Roots<R> {
     let qq = q.dot(q);
     let delta = delta(ray, oc);
     let rr = s.r * s.r;
-    let dhh = delta * (R::splat(2.0) * s.r + R::splat(3.0) * delta) + R::splat(8.0 * U) * rr + R::splat(TINY);
+    let dhh = delta * (R::splat(2.0) * s.r + R::splat(3.0) * delta) + R::splat(8.0 * R::U) * rr + R::splat(TINY);
     let h = (rr - qq).max(zero).sqrt();
     let half = h * ray.inv_len;
-    // |h − h*| ≤ min(Δ/h, √Δ) where |h² − h*²| ≤ Δ.
-    let dh = (dhh / h).min(dhh.sqrt());
-    let e = (delta + dh) * ray.inv_len + R::splat(32.0 * U) * (mid.abs() + half);
+    // Where |h² − h*²| ≤ Δ, |h − h*| ≤ √Δ, and for x = Δ/h² ≤ 1, |h − h*| ≤ h(1 − √(1 − x)) ≤
+    // h(x + x²)/2, which is more than √Δ for x > 1.
+    let hx = dhh / h;
+    let dh = (hx * (R::splat(0.5 + 1e-9) + R::splat(0.5) * (hx / h))).min(dhh.sqrt());
+    let e = (delta + dh) * ray.inv_len + R::splat(32.0 * R::U) * (mid.abs() + half);
     Roots { near: mid - half, far: mid + half, e, qq, delta }
 }
 
@@ -72,7 +74,7 @@ fn roots<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> Roots<R> {
 pub(crate) fn other_root<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> (R, R) {
     let oc = ray.o - s.c;
     let t = R::splat(-2.0) * oc.dot(ray.d) / ray.dd;
-    let e = R::splat(3.0) * delta(ray, oc) * ray.inv_len + R::splat(32.0 * U) * t.abs();
+    let e = R::splat(3.0) * delta(ray, oc) * ray.inv_len + R::splat(32.0 * R::U) * t.abs();
     (t, e)
 }
 

@@ -62,13 +62,13 @@ pub(crate) fn forms<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Forms<R> {
     let m = max3(p0.norm1(), p1.norm1(), p2.norm1());
     let v = max3(v0.norm1(), v1.norm1(), v2.norm1());
     let s = max3(e0.norm1(), e1.norm1(), e2.norm1());
-    let pos = ray.eo + k(3.0 * U) * (v + ray.o.norm1()) + (ray.ed + k(12.0 * U)) * m + k(TINY);
+    let pos = ray.eo + k(3.0 * R::U) * (v + ray.o.norm1()) + (ray.ed + k(12.0 * R::U)) * m + k(TINY);
     let e = k(8.0) * ray.len * pos * (s + pos) + k(TINY);
     let n = e0.cross(e1);
     let den = n.dot(ray.d);
     let t = n.dot(p0) / den;
-    let et = (k(3.0) * pos * n.norm1() + k(12.0 * U) * s * s * s + k(TINY)) / den.abs();
-    let corner_error = k(3.0 * U) * v + k(TINY);
+    let et = (k(3.0) * pos * n.norm1() + k(12.0 * R::U) * s * s * s + k(TINY)) / den.abs();
+    let corner_error = k(3.0 * R::U) * v + k(TINY);
     Forms { w, e, n, t, et, pos, corner_error, longest: s, p: [p0, p1, p2], reach: m }
 }
 

@@ -77,6 +77,12 @@ impl<const N: usize> Big<N> {
         if self.is_zero() { i64::MIN } else { self.exponent }
     }
 
+    /// |self| / 2^exponent, in [1/2, 1], to f64's precision; 0 for zero.
+    pub(crate) fn leading(&self) -> f64 {
+        // 2^−64 · the top limb.
+        self.limbs[N - 1] as f64 * f64::from_bits((1023 - 64) << 52)
+    }
+
     /// self · 2^k, exactly.
     #[must_use]
     pub fn scale(self, k: i64) -> Self {
@@ -255,8 +261,10 @@ impl<const N: usize> Big<N> {
         let unit = Self { negative: false, exponent: 0, ..self }; // in [1/2, 1)
         let one = Self::new(1.0);
         let mut x = Self::new(1.0 / unit.to_f64());
-        for _ in 0..Self::newton_steps() {
-            x = x + x * (one - unit * x);
+        for step in 0..Self::newton_steps() {
+            // Limbs that are zero cost a product nothing, where they are its first factor's.
+            let known = x.cut(step);
+            x = known + known * (one - known * unit);
         }
         Self { negative: self.negative, exponent: x.exponent - self.exponent, ..x }
     }
@@ -271,10 +279,20 @@ impl<const N: usize> Big<N> {
         let unit = self.scale(-2 * half_power); // in [1/2, 2)
         let one = Self::new(1.0);
         let mut x = Self::new(1.0 / unit.to_f64().sqrt());
-        for _ in 0..Self::newton_steps() {
-            x = x + (x * (one - unit * x * x)).scale(-1);
+        for step in 0..Self::newton_steps() {
+            let known = x.cut(step);
+            x = known + (known * (one - known * (known * unit))).scale(-1);
         }
         (unit * x).scale(half_power)
+    }
+
+    /// Only the limbs that are right before step `step` of an iteration from 50 bits, and one more.
+    fn cut(mut self, step: u32) -> Self {
+        let right = (50usize << step).div_ceil(64) + 1;
+        for limb in self.limbs.iter_mut().rev().skip(right) {
+            *limb = 0;
+        }
+        self
     }
 
     fn newton_steps() -> u32 {

@@ -1,9 +1,11 @@
 //! Numbers wide enough that a decision in them is the decision of real arithmetic.
 
 mod big;
+mod bound;
 pub mod predicates;
 mod vector;
 pub mod zero_area;
 
 pub use big::Big;
+pub(crate) use bound::Bound;
 pub use vector::Vector;

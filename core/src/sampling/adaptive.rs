@@ -1,4 +1,21 @@
-//! Adaptive sampling of regions.
+//! Adaptive sampling of regions, towards a tolerance.
+//!
+//! The integrand is deterministic and smooth but for edges: outlines of objects, of shadows, and
+//! their mirror images. So the error of a pixel is what is not known about edges in it, and
+//! samples go where that is much. In the order of the work, and of the files:
+//!
+//! - [`super::corners`]: every pixel's corners, followed to their ends and shared by four pixels.
+//! - [`super::small`], [`super::shadow`], [`super::feature`]: what is smaller than a pixel and
+//!   could be missed by the corners, from projected outlines.
+//! - [`super::part`]: radiance as a sum whose summands have few edges each.
+//! - [`super::side`], [`super::outline`]: where edges cross the sides of cells.
+//! - [`super::cell`], [`super::curve`]: areas from crossings, and the variance of their errors.
+//! - [`super::block`]: which cells are refined, until every part of a pixel's error is within the
+//!   tolerance.
+//!
+//! The estimate of a pixel's error is the sum of its parts' variances, taken as independent. Each
+//! is what is in doubt (a contrast) times how much of it (an area), with shares found by
+//! comparison with references of 1,024 samples a pixel over scenes of many kinds.
 
 use rayon::prelude::*;
 
@@ -33,10 +50,8 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: f64) -> (Tile, 
                 let (x, y) = (b.x0 - region.x0 + i, b.y0 - region.y0 + j);
                 let at = y as usize * region.width() as usize + x as usize;
                 pixels[at] = p.value.to_array().map(|c| c as f32);
-                // What is lost is lost for good: at most its bound, and half of it on average.
-                let variance = p.variance + p.faint * p.faint / 3.0;
-                errors[at] = variance.sqrt() as f32;
-                error.add_pixel(variance);
+                errors[at] = p.error.variance().sqrt() as f32;
+                error.add(&p.error);
             }
         }
     }

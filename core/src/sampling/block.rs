@@ -19,7 +19,7 @@ use super::feature::{self, Feature};
 use super::part::Part;
 use super::side::{self, Chain, Entry, Side};
 use super::store::{NONE, SampleId, Store, UNIT, lights_of};
-use crate::film::Region;
+use crate::film::{PixelError, Region};
 use crate::trace::record::Want;
 use crate::trace::{RayCounts, Tracer};
 
@@ -33,15 +33,11 @@ const BESIDE: f64 = 4.0;
 /// their contrast: seen at its corners only, in the middle too, at nine points.
 const HIDDEN: [f64; 3] = [0.3, 0.12, 0.05];
 
-/// A pixel's value and the variances of its error, by cause.
+/// A pixel's value and what is thought of its error.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Pixel {
     pub(crate) value: DVec3,
-    /// From where samples are.
-    pub(crate) variance: f64,
-    /// Bounds on what the paths lost: too faint, too deep.
-    pub(crate) faint: f64,
-    pub(crate) deep: f64,
+    pub(crate) error: PixelError,
 }
 
 /// A cell with what belongs to its pixel.
@@ -130,22 +126,22 @@ impl Block<'_> {
                 centre: NONE,
             };
             feature::look(&mut self.store, (x, y), &cell, pixel, &mut looks);
-            let busy = corners.busy(&self.store, (x, y), tolerance);
+            let busy = corners.busy((x, y), tolerance);
             let mut looked = 0;
             if HIDDEN[0] * busy > tolerance {
                 cell.centre = self.store.ask(cell.x + UNIT / 2, cell.y + UNIT / 2, Want::From(1));
                 looked = 1;
             }
-            let divide = HIDDEN[1] * busy > DIVIDE * tolerance;
+            let divide = HIDDEN[1] * busy > tolerance;
             if divide {
                 looked = 2;
             }
             let hidden = HIDDEN[looked] * busy;
-            self.pixels[pixel].variance += hidden * hidden;
+            self.pixels[pixel].error.samples += hidden * hidden;
             for s in at {
                 let (faint, deep) = corners.lost(s);
-                self.pixels[pixel].faint += 0.25 * faint;
-                self.pixels[pixel].deep += 0.25 * deep;
+                self.pixels[pixel].error.weight += 0.25 * faint;
+                self.pixels[pixel].error.depth += 0.25 * deep;
             }
             jobs.push(Job { pixel, cell, features: Vec::new(), divide, root: 0, single: false });
         }
@@ -178,7 +174,7 @@ impl Block<'_> {
             } else {
                 let pixel = &mut self.pixels[job.pixel];
                 pixel.value += o.value;
-                pixel.variance += o.variance;
+                pixel.error.samples += o.variance;
             }
         }
         self.divide(divided)

@@ -17,12 +17,12 @@ use super::store::{NONE, SampleId, Store, UNIT, rms};
 
 /// Standard deviation of the mean over an area, as a share of its samples' spread: where
 /// nothing discrete differs, and where something does.
-const SMOOTH: f64 = 0.05;
-const MIXED: f64 = 0.2;
+const SMOOTH: f64 = 0.08;
+const MIXED: f64 = 0.3;
 /// The same for the share of several areas that meet inside a cell, of their contrast.
-const JUNCTION: f64 = 0.15;
+const JUNCTION: f64 = 0.21;
 /// The same where edges too faint to be followed cross.
-const FAINT: f64 = 0.12;
+const FAINT: f64 = 0.18;
 /// The same where a middle differs from everything around it.
 const INNER: f64 = 0.3;
 /// Samples closer than this many tolerances count as one.

@@ -98,7 +98,7 @@ impl Corners {
 
     /// How much may hide in pixel (x, y): the contrast of the edges in and next to it, and how
     /// dense they are.
-    pub(crate) fn busy(&self, _store: &Store<'_>, (x, y): (u32, u32), tolerance: f64) -> f64 {
+    pub(crate) fn busy(&self, (x, y): (u32, u32), tolerance: f64) -> f64 {
         let w = self.region.width() as usize + 3;
         let first = self.index(x, y) - w - 1;
         let (mut sum, mut count) = (0.0, 0.0);

@@ -8,7 +8,7 @@ use super::store::{Store, UNIT, rms};
 
 /// Standard deviation of the area between an edge of unknown shape and its chord, for a chord of
 /// one pixel in a cell of one pixel; both enter with their squares' product.
-const SHAPE: f64 = 0.03;
+const SHAPE: f64 = 0.045;
 /// The same for both ends on one side of a cell: the tip between them may be long.
 const TIP: f64 = 0.35;
 /// Steps that narrow an edge's place on the chord's perpendicular, at most.

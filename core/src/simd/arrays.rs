@@ -3,14 +3,15 @@
 use std::array::from_fn;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Double, LANES, Mask, Simd, Single};
-use crate::geometry::Real;
+use super::{Double, LANES, Mask, Octet, Simd, Single};
+use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrays;
 
 impl Simd for Arrays {
     type Single = S16;
+    type Octet = S8;
     type Double = D8;
     #[inline(always)]
     fn narrow(low: D8, high: D8) -> S16 {
@@ -33,6 +34,10 @@ impl Simd for Arrays {
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(crate) struct S16([f32; LANES]);
+
+#[derive(Clone, Copy, Debug)]
+#[repr(align(32))]
+pub(crate) struct S8([f32; 8]);
 
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
@@ -137,7 +142,43 @@ impl Single for S16 {
     }
 }
 
+impl Octet for S8 {
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self([x; 8])
+    }
+    #[inline(always)]
+    fn load(x: &[f32; 8]) -> Self {
+        Self(*x)
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32; 8]) {
+        *to = self.0;
+    }
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        Self(from_fn(|k| self.0[k] * b.0[k] + c.0[k]))
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(from_fn(|k| if self.0[k] > other.0[k] { self.0[k] } else { other.0[k] }))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(from_fn(|k| if self.0[k] < other.0[k] { self.0[k] } else { other.0[k] }))
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> u8 {
+        let mut m = 0;
+        for k in 0..8 {
+            m |= u8::from(self.0[k] <= other.0[k]) << k;
+        }
+        m
+    }
+}
+
 impl Real for D8 {
+    const U: f64 = U;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self([x; 8])

@@ -6,14 +6,15 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Double, LANES, Mask, Simd, Single};
-use crate::geometry::Real;
+use super::{Double, LANES, Mask, Octet, Simd, Single};
+use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Avx512;
 
 impl Simd for Avx512 {
     type Single = S16;
+    type Octet = S8;
     type Double = D8;
     #[inline(always)]
     fn narrow(low: D8, high: D8) -> S16 {
@@ -38,6 +39,10 @@ impl Simd for Avx512 {
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
 pub(crate) struct S16(__m512);
+
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub(crate) struct S8(__m256);
 
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
@@ -145,7 +150,46 @@ impl Single for S16 {
     }
 }
 
+impl Octet for S8 {
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm256_set1_ps(x) })
+    }
+    #[inline(always)]
+    fn load(x: &[f32; 8]) -> Self {
+        // SAFETY: as above; the array holds eight f32.
+        Self(unsafe { _mm256_loadu_ps(x.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32; 8]) {
+        // SAFETY: as above; the array has room for eight f32.
+        unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm256_fmadd_ps(self.0, b.0, c.0) })
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm256_max_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm256_min_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> u8 {
+        // SAFETY: the processor has AVX-512, see the module.
+        unsafe { _mm256_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
+    }
+}
+
 impl Real for D8 {
+    const U: f64 = U;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         // SAFETY: the processor has AVX-512, see the module.

@@ -48,6 +48,21 @@ pub(crate) trait Single:
     fn select(self, mask: Mask, other: Self) -> Self;
 }
 
+/// Eight f32: the boxes of a node before one ray.
+pub(crate) trait Octet: Copy {
+    fn splat(x: f32) -> Self;
+    fn load(x: &[f32; 8]) -> Self;
+    fn store(self, to: &mut [f32; 8]);
+    /// self · b + c, with one rounding or two.
+    fn fma(self, b: Self, c: Self) -> Self;
+    /// The greater; `other` where either is NaN.
+    fn max(self, other: Self) -> Self;
+    /// The lesser; `other` where either is NaN.
+    fn min(self, other: Self) -> Self;
+    /// Lanes where self ≤ other; not where either is NaN.
+    fn le(self, other: Self) -> u8;
+}
+
 /// Eight f64.
 pub(crate) trait Double: Real {
     fn load(x: &[f64; 8]) -> Self;
@@ -61,6 +76,7 @@ pub(crate) trait Double: Real {
 /// A set of vector types that one level offers.
 pub(crate) trait Simd: Copy + Send + Sync + 'static {
     type Single: Single;
+    type Octet: Octet;
     type Double: Double;
     /// Sixteen f64 rounded to f32.
     fn narrow(low: Self::Double, high: Self::Double) -> Self::Single;
@@ -108,6 +124,22 @@ impl Level {
         }
         all
     }
+}
+
+/// Asks memory for `count` elements of `of` from `start` on; places outside do no harm.
+#[inline(always)]
+pub(crate) fn prefetch<T>(of: &[T], start: usize, count: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let first = of.as_ptr().wrapping_add(start).cast::<i8>();
+        for at in (0..count * size_of::<T>()).step_by(64) {
+            // SAFETY: a prefetch has no effect on any value and faults nowhere.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(at)) };
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (of, start, count);
 }
 
 /// Work that can be done at every level.

@@ -5,10 +5,22 @@
 //! surface. Here the path is followed again in world coordinates exactly as the scene gives
 //! them, and the question is answered among the few objects it concerns.
 //!
-//! Numbers have 256 bits first. A quantity that vanishes beside its own terms to more than
-//! their share of bits is [`Unsure`], and the question is put again with 1536: enough for
-//! terms of which one is the smallest f64 and another is 1. What vanishes there too is zero: an exact event (a tangent, a shared edge, equal distances), whose outcome
-//! the image model defines.
+//! **Certainty.** Numbers have 256 bits first, then 1536: enough for terms of which one is the
+//! smallest f64 and another is 1. Beside its numbers a ray carries bounds of how far they may be
+//! from the real ones, and every decision a bound of its own:
+//!
+//! - what exceeds its bound, and 2^−(3/4 of the bits) of its terms, has the sign it shows;
+//! - what is below that share of its terms, and so is its bound, is zero at the last width: an exact
+//!   event (a tangent, a shared edge, equal distances), whose outcome the image model defines;
+//! - anything else is [`Unsure`], and asked again at the last width. What is unsure there, because
+//!   the path behind it has used the digits up, is decided by the numbers as they are, the same
+//!   everywhere, and counted (`RayCounts::unresolved`).
+//!
+//! **Bounds.** `lateral` bounds how far the ray's line passes from the real one at the start,
+//! `place` how far the start itself is from the real one, `turn` the direction's relative error. A
+//! flat mirror is an isometry and leaves `lateral` and `turn` as they are, however many follow one
+//! another; a sphere met at distance h from the middle of its chord turns the ray by up to
+//! 4·place/r. Each operation on numbers adds [`Slack::rounding`] of its terms.
 
 use std::cmp::Ordering;
 
@@ -16,7 +28,7 @@ use glam::DVec3;
 
 use crate::geometry::local::{Kind, kind, surface_and_order};
 use crate::geometry::{Local, ObjectId, U};
-use crate::precise::{Big, Vector};
+use crate::precise::{Big, Bound, Vector};
 use crate::scene::{PlanePosition, Scene};
 
 /// Limbs of the numbers asked first, and of those asked last.
@@ -26,6 +38,14 @@ pub(crate) const LAST: usize = 24;
 /// A difference more than three quarters of the bits below its terms is not told from zero.
 const fn tie(limbs: usize) -> i64 {
     48 * limbs as i64
+}
+
+/// Nothing that is used as a value may be wronger than 2^−VALUE of itself.
+const VALUE: i64 = 60;
+
+/// A sum of a few products of numbers of N limbs is rounded by less than this share of its terms.
+fn rounding<const N: usize>() -> Bound {
+    Bound::power(12 - 64 * N as i64)
 }
 
 /// These numbers are not wide enough to tell.
@@ -40,6 +60,16 @@ pub(crate) struct Decision {
     pub(crate) inside: bool,
 }
 
+/// How wrong a ray may be; see the module's bounds.
+#[derive(Clone, Copy, Debug)]
+struct Slack {
+    lateral: Bound,
+    place: Bound,
+    turn: Bound,
+    /// What an operation adds; zero where numbers are taken as they are.
+    rounding: Bound,
+}
+
 /// A ray of real arithmetic, to 64·N bits, in world coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ExactRay<const N: usize> {
@@ -47,6 +77,7 @@ pub(crate) struct ExactRay<const N: usize> {
     pub(crate) d: Vector<N>,
     /// The surface it starts on.
     pub(crate) from: Option<Decision>,
+    slack: Slack,
 }
 
 /// A point of a surface, of real arithmetic.
@@ -60,30 +91,74 @@ pub(crate) struct ExactHit<const N: usize> {
     /// Whether the ray strikes the other side.
     turned: bool,
     pub(crate) decision: Decision,
+    /// Of the ray mirrored here.
+    slack: Slack,
+    /// Relative error of the normal.
+    bend: Bound,
 }
 
-/// The sign of `x`, 0 where it vanishes beside `terms`.
-fn sign<const N: usize>(x: &Big<N>, terms: &Big<N>) -> Result<i32, Unsure> {
-    if x.exponent() >= terms.exponent().saturating_sub(tie(N)) {
+/// How far along a ray something is met.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Distance<const N: usize> {
+    pub(crate) t: Big<N>,
+    error: Bound,
+}
+
+impl<const N: usize> Distance<N> {
+    /// The nearest f64.
+    pub(crate) fn to_f64(self) -> Result<f64, Unsure> {
+        let known = self.error.exponent() <= self.t.exponent().saturating_sub(VALUE);
+        if known || N == LAST { Ok(self.t.to_f64()) } else { Err(Unsure) }
+    }
+
+    /// The order of two distances.
+    fn compare(&self, o: &Self) -> Result<Ordering, Unsure> {
+        let terms = Bound::of(&self.t) + Bound::of(&o.t);
+        Ok(sign(&(self.t - o.t), terms, self.error + o.error)?.cmp(&0))
+    }
+}
+
+impl<const N: usize> ExactRay<N> {
+    /// A ray from `o` along `d`, of whose length `turn` may be wrong.
+    pub(crate) fn new(o: DVec3, d: Vector<N>, turn: Bound) -> Self {
+        let rounding = rounding::<N>();
+        let slack = Slack { lateral: Bound::ZERO, place: Bound::ZERO, turn: turn + rounding, rounding };
+        Self { o: Vector::new(o), d, from: None, slack }
+    }
+
+    /// The same ray in M limbs.
+    pub(crate) fn resize<const M: usize>(&self) -> ExactRay<M> {
+        ExactRay { o: self.o.resize(), d: self.d.resize(), from: self.from, slack: self.slack }
+    }
+
+    /// The same ray, its numbers taken as they are from here on.
+    pub(crate) fn taken_as_it_is(self) -> Self {
+        let none = Bound::ZERO;
+        Self { slack: Slack { lateral: none, place: none, turn: none, rounding: none }, ..self }
+    }
+}
+
+/// The sign of `x`, which may be wrong by `error`: 0 where it vanishes beside `terms`.
+fn sign<const N: usize>(x: &Big<N>, terms: Bound, error: Bound) -> Result<i32, Unsure> {
+    // At least twice the error, so that quotients by x are bounded as well.
+    let proven = error.exponent().saturating_add(2);
+    let zero = terms.exponent().saturating_sub(tie(N));
+    // No error at all is that of numbers which are exact, or taken as they are.
+    let open = error != Bound::ZERO && proven > zero;
+    if x.exponent() >= if open { proven } else { zero } {
         Ok(x.signum())
-    } else if N < LAST {
+    } else if open || (N < LAST && error != Bound::ZERO) {
         Err(Unsure)
     } else {
         Ok(0)
     }
 }
 
-/// The order of `a` and `b`, equal where their difference vanishes beside them.
-pub(crate) fn compare<const N: usize>(a: &Big<N>, b: &Big<N>) -> Result<Ordering, Unsure> {
-    let terms = if a.abs() > b.abs() { a.abs() } else { b.abs() };
-    Ok(sign(&(*a - *b), &terms)?.cmp(&0))
-}
-
 /// A triangle's first corner and its sides, as real numbers.
-fn triangle<const N: usize>(scene: &Scene, i: usize) -> (Vector<N>, Vector<N>, Vector<N>) {
+fn triangle<const N: usize>(scene: &Scene, i: usize) -> [Vector<N>; 3] {
     let t = &scene.triangles()[i];
     let [a, b, c] = t.written.map(Vector::new);
-    if t.by_sides() { (a, b, c) } else { (a, b - a, c - a) }
+    if t.by_sides() { [a, b, c] } else { [a, b - a, c - a] }
 }
 
 /// A plane's normal as written, and its offset along it: n · P = offset.
@@ -97,15 +172,165 @@ fn plane<const N: usize>(scene: &Scene, i: usize) -> (Vector<N>, Big<N>) {
     (n, offset)
 }
 
-/// −2 (o − c)·d / d·d: where a line through a point of a sphere meets it again.
-fn other_root<const N: usize>(ray: &ExactRay<N>, c: &Vector<N>) -> Big<N> {
-    -(ray.o - *c).dot(&ray.d).scale(1).over(ray.d.dot(&ray.d))
+/// |v| up to a factor below 2, from below: its largest component. Enough for terms.
+fn size<const N: usize>(v: &Vector<N>) -> Bound {
+    let [x, y, z] = v.0.map(|x| Bound::of(&x));
+    if x.exponent() >= y.exponent().max(z.exponent()) {
+        x
+    } else if y.exponent() >= z.exponent() {
+        y
+    } else {
+        z
+    }
 }
 
-/// |v| up to a factor below 2: its largest component. Enough for terms.
-fn size<const N: usize>(v: &Vector<N>) -> Big<N> {
-    let [x, y, z] = v.0.map(Big::abs);
-    x.max(y).max(z)
+/// 2^k · b, for the small factors of bounds.
+fn times(b: Bound, k: i64) -> Bound {
+    b.scale(k)
+}
+
+/// A line and a plane: numerator and denominator of their distance, and what they may be wrong by.
+struct Crossing<const N: usize> {
+    num: Big<N>,
+    den: Big<N>,
+    num_terms: Bound,
+    den_terms: Bound,
+    num_error: Bound,
+    den_error: Bound,
+}
+
+impl<const N: usize> Crossing<N> {
+    /// `reach` bounds the places that `num` is the difference of, `length` the normal's terms.
+    fn new(ray: &ExactRay<N>, num: Big<N>, den: Big<N>, length: Bound, reach: Bound) -> Self {
+        let Slack { place, turn, rounding, .. } = ray.slack;
+        let den_terms = length * size(&ray.d);
+        Self {
+            num,
+            den,
+            num_terms: length * reach,
+            den_terms,
+            num_error: length * (times(place, 4) + rounding * reach),
+            den_error: den_terms * (times(turn, 4) + rounding),
+        }
+    }
+
+    fn leans(&self) -> Result<i32, Unsure> {
+        sign(&self.den, self.den_terms, self.den_error)
+    }
+
+    fn ahead(&self) -> Result<i32, Unsure> {
+        sign(&self.num, self.num_terms, self.num_error)
+    }
+
+    /// The distance, where the line leans towards the plane.
+    fn distance(&self, rounding: Bound) -> Distance<N> {
+        let t = self.num.over(self.den);
+        let size = Bound::of(&t);
+        let error = times((self.num_error + size * self.den_error).over(&self.den), 1) + rounding * size;
+        Distance { t, error }
+    }
+}
+
+fn cross_plane<const N: usize>(scene: &Scene, ray: &ExactRay<N>, i: usize) -> (Crossing<N>, Vector<N>) {
+    let (n, offset) = plane(scene, i);
+    let length = size(&n);
+    // The offset over the normal's length is a place.
+    let reach = size(&ray.o) + Bound::of(&offset).over(&n.0[largest(&n)]);
+    (Crossing::new(ray, offset - n.dot(&ray.o), n.dot(&ray.d), length, reach), n)
+}
+
+/// Which component is the largest.
+fn largest<const N: usize>(v: &Vector<N>) -> usize {
+    let e = v.0.map(|x| x.exponent());
+    (0..3).max_by_key(|&k| e[k]).unwrap_or(0)
+}
+
+fn cross_triangle<const N: usize>(ray: &ExactRay<N>, [a, e1, e2]: &[Vector<N>; 3]) -> (Crossing<N>, Vector<N>) {
+    let n = e1.cross(e2);
+    let length = size(e1) * size(e2);
+    (Crossing::new(ray, n.dot(&(*a - ray.o)), n.dot(&ray.d), length, size(a) + size(&ray.o)), n)
+}
+
+/// A line and a sphere.
+struct Chord<const N: usize> {
+    /// a·t² + 2b·t + c = 0, and b² − a·c.
+    a: Big<N>,
+    b: Big<N>,
+    c: Big<N>,
+    disc: Big<N>,
+    b_terms: Bound,
+    c_terms: Bound,
+    disc_terms: Bound,
+    b_error: Bound,
+    c_error: Bound,
+    disc_error: Bound,
+    /// How far the line may be misplaced at the sphere.
+    delta: Bound,
+}
+
+impl<const N: usize> Chord<N> {
+    fn new(ray: &ExactRay<N>, center: &Vector<N>, r: Big<N>) -> Self {
+        let Slack { lateral, place, turn, rounding } = ray.slack;
+        let oc = ray.o - *center;
+        let (a, b, rr) = (ray.d.dot(&ray.d), oc.dot(&ray.d), r * r);
+        let oc2 = oc.dot(&oc);
+        let c = oc2 - rr;
+        let (away, speed, radius) = (size(&oc), size(&ray.d), Bound::of(&r));
+        let delta = times(lateral, 1) + away * (times(turn, 2) + rounding);
+        // disc = |d|²(r² − s²), s the line's distance from the centre. Where s > 2r its sign is
+        // beyond doubt if delta is far below r; else s ≤ 2r.
+        let lever =
+            if delta.exponent().saturating_add(4) < radius.exponent() { radius } else { radius + times(away, 1) };
+        let c_terms = Bound::of(&oc2) + Bound::of(&rr);
+        let disc_terms = Bound::of(&a) * c_terms;
+        Self {
+            disc: b * b - a * c,
+            disc_error: Bound::of(&a) * (times(lever * delta, 3) + times(delta * delta, 2)) + rounding * disc_terms,
+            disc_terms,
+            b_terms: away * speed,
+            b_error: times(speed * (place + away * (times(turn, 2) + rounding)), 2),
+            c_error: times(away * place, 3) + times(place * place, 2) + rounding * c_terms,
+            c_terms,
+            a,
+            b,
+            c,
+            delta,
+        }
+    }
+
+    /// √disc and its error; both 0 where the line is a tangent.
+    fn root(&self) -> Result<Option<(Big<N>, Bound)>, Unsure> {
+        Ok(match sign(&self.disc, self.disc_terms, self.disc_error)? {
+            -1 => None,
+            0 => Some((Big::ZERO, Bound::ZERO)),
+            _ => {
+                let root = self.disc.sqrt();
+                Some((root, self.disc_error.over(&root)))
+            }
+        })
+    }
+
+    /// Where the line enters, or leaves, the sphere: of the two forms of each root, the one that
+    /// subtracts nothing.
+    fn distance(&self, (root, root_error): (Big<N>, Bound), far: bool, rounding: Bound) -> Distance<N> {
+        let sum = if self.b.signum() < 0 { root - self.b } else { root + self.b };
+        let (b_error, c_error) = (self.b_error + root_error, self.c_error);
+        if far == (self.b.signum() < 0) {
+            let t = sum.over(self.a);
+            let t = if far { t } else { -t };
+            return Distance { t, error: b_error.over(&self.a) + rounding * Bound::of(&t) };
+        }
+        let t = self.c.over(sum);
+        let t = if far { -t } else { t };
+        let size = Bound::of(&t);
+        Distance { t, error: times((c_error + size * b_error).over(&sum), 1) + rounding * size }
+    }
+
+    /// Where the line through a point of the sphere meets it again.
+    fn other(&self, rounding: Bound) -> Distance<N> {
+        let t = -self.b.scale(1).over(self.a);
+        Distance { t, error: times(self.b_error, 1).over(&self.a) + rounding * Bound::of(&t) }
+    }
 }
 
 /// Where `ray` first meets object `id` at t > 0, and whether that is a sphere's inner side.
@@ -113,78 +338,66 @@ pub(crate) fn meet<const N: usize>(
     scene: &Scene,
     ray: &ExactRay<N>,
     id: ObjectId,
-) -> Result<Option<(Big<N>, bool)>, Unsure> {
+) -> Result<Option<(Distance<N>, bool)>, Unsure> {
     let own = ray.from.filter(|f| f.id == id);
+    let rounding = ray.slack.rounding;
     match kind(scene, id) {
         // A line meets a flat surface once.
         Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
         Kind::Plane(i) => {
-            let (n, offset) = plane(scene, i);
-            let den = n.dot(&ray.d);
-            let leans = sign(&den, &(size(&n) * size(&ray.d)))?;
-            if leans == 0 {
-                return Ok(None);
-            }
-            let num = offset - n.dot(&ray.o);
-            let terms = offset.abs() + size(&n) * size(&ray.o);
-            Ok((sign(&num, &terms)? * leans > 0).then(|| (num.over(den), false)))
+            let (crossing, _) = cross_plane(scene, ray, i);
+            let leans = crossing.leans()?;
+            Ok((leans != 0 && crossing.ahead()? * leans > 0).then(|| (crossing.distance(rounding), false)))
         }
-        Kind::Triangle(i) => meet_triangle(scene, ray, i),
+        Kind::Triangle(i) => meet_triangle(ray, &triangle(scene, i)),
         Kind::Sphere(i) => {
             let s = &scene.spheres()[i];
-            let (c, r) = (Vector::new(s.center), Big::new(s.radius));
+            let chord = Chord::new(ray, &Vector::new(s.center), Big::new(s.radius));
             if let Some(own) = own {
-                return Ok(own.inside.then(|| (other_root(ray, &c), true)));
+                return Ok(own.inside.then(|| (chord.other(rounding), true)));
             }
-            let oc = ray.o - c;
-            let (a, b) = (ray.d.dot(&ray.d), oc.dot(&ray.d));
-            let (oc2, rr) = (oc.dot(&oc), r * r);
-            let cc = oc2 - rr;
-            let disc = b * b - a * cc;
-            let root = match sign(&disc, &(a * (oc2 + rr)))? {
-                -1 => return Ok(None),
-                0 => Big::ZERO,
-                _ => disc.sqrt(),
-            };
-            Ok(match sign(&cc, &(oc2 + rr))? {
+            let Some(root) = chord.root()? else { return Ok(None) };
+            Ok(match sign(&chord.c, chord.c_terms, chord.c_error)? {
                 // Outside: both roots lie on one side of the start.
-                1 => (b.signum() < 0).then(|| ((-b - root).over(a), false)),
-                -1 => Some(((root - b).over(a), true)),
+                1 => (chord.b.signum() < 0).then(|| (chord.distance(root, false, rounding), false)),
+                -1 => Some((chord.distance(root, true, rounding), true)),
                 // On the sphere: 0 is one root, the other counts if it lies ahead.
-                _ => (sign(&b, &(size(&oc) * size(&ray.d)))? < 0).then(|| (-b.scale(1).over(a), true)),
+                _ => (sign(&chord.b, chord.b_terms, chord.b_error)? < 0).then(|| (chord.other(rounding), true)),
             })
         }
     }
 }
 
-fn meet_triangle<const N: usize>(scene: &Scene, ray: &ExactRay<N>, i: usize) -> Result<Option<(Big<N>, bool)>, Unsure> {
-    let (a, e1, e2) = triangle(scene, i);
-    let p0 = a - ray.o;
+fn meet_triangle<const N: usize>(
+    ray: &ExactRay<N>,
+    corners: &[Vector<N>; 3],
+) -> Result<Option<(Distance<N>, bool)>, Unsure> {
+    let [a, e1, e2] = corners;
+    let (crossing, _) = cross_triangle(ray, corners);
+    let p0 = *a - ray.o;
     // Barycentric weights times N·d, by the moments relative to p0: a line through an edge
     // gives a weight of zero, which belongs to the triangle.
     let q = p0.cross(&ray.d);
-    let n = e1.cross(&e2);
-    let den = n.dot(&ray.d);
-    let reach = (size(&a) + size(&ray.o)) * size(&ray.d);
-    let leans = sign(&den, &(size(&e1) * size(&e2) * size(&ray.d)));
     let b1 = e2.dot(&q);
     let b2 = -e1.dot(&q);
-    let b0 = den - b1 - b2;
-    let s1 = sign(&b1, &(size(&e2) * reach));
-    let s2 = sign(&b2, &(size(&e1) * reach));
-    let s0 = sign(&b0, &((size(&e1) + size(&e2)) * reach));
+    let b0 = crossing.den - b1 - b2;
+    let Slack { lateral, turn, rounding, .. } = ray.slack;
+    let (speed, reach) = (size(&ray.d), size(a) + size(&ray.o));
+    let error = times(speed * (times(lateral, 1) + size(&p0) * times(turn, 2) + reach * rounding), 2);
+    let (l1, l2, reach) = (size(e1), size(e2), reach * speed);
+    let s1 = sign(&b1, l2 * reach, l2 * error);
+    let s2 = sign(&b2, l1 * reach, l1 * error);
+    let s0 = sign(&b0, (l1 + l2) * reach, (l1 + l2) * error + crossing.den_error);
     // One weight surely against another settles it, whatever the rest.
     let sure = [&s0, &s1, &s2].map(|s| s.as_ref().copied().unwrap_or(0));
     if sure.contains(&1) && sure.contains(&-1) {
         return Ok(None);
     }
-    let leans = leans?;
+    let leans = crossing.leans()?;
     if leans == 0 || s0? * leans < 0 || s1? * leans < 0 || s2? * leans < 0 {
         return Ok(None);
     }
-    let num = n.dot(&p0);
-    let terms = size(&e1) * size(&e2) * (size(&a) + size(&ray.o));
-    Ok((sign(&num, &terms)? * leans > 0).then(|| (num.over(den), false)))
+    Ok((crossing.ahead()? * leans > 0).then(|| (crossing.distance(rounding), false)))
 }
 
 /// The nearest of `candidates` along `ray`; equal distances go to the first in the document.
@@ -192,14 +405,14 @@ pub(crate) fn closest<const N: usize>(
     scene: &Scene,
     ray: &ExactRay<N>,
     candidates: impl Iterator<Item = ObjectId>,
-) -> Result<Option<(Decision, Big<N>)>, Unsure> {
-    let mut best: Option<(Decision, Big<N>, u32)> = None;
+) -> Result<Option<(Decision, Distance<N>)>, Unsure> {
+    let mut best: Option<(Decision, Distance<N>, u32)> = None;
     for id in candidates {
         let Some((t, inside)) = meet(scene, ray, id)? else { continue };
         let order = surface_and_order(scene, id).1;
         let nearer = match &best {
             None => true,
-            Some((_, bt, bo)) => match compare(&t, bt)? {
+            Some((_, bt, bo)) => match t.compare(bt)? {
                 Ordering::Less => true,
                 Ordering::Equal => order < *bo,
                 Ordering::Greater => false,
@@ -218,10 +431,10 @@ pub(crate) fn occluded<const N: usize>(
     ray: &ExactRay<N>,
     candidates: impl Iterator<Item = ObjectId>,
 ) -> Result<bool, Unsure> {
-    let one = Big::new(1.0);
+    let one = Distance { t: Big::new(1.0), error: Bound::ZERO };
     for id in candidates {
         if let Some((t, _)) = meet(scene, ray, id)?
-            && compare(&t, &one)? == Ordering::Less
+            && t.compare(&one)? == Ordering::Less
         {
             return Ok(true);
         }
@@ -231,47 +444,55 @@ pub(crate) fn occluded<const N: usize>(
 
 /// The point where `ray` meets `decision`, known to be what it meets.
 pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
-    let flat = |num: Big<N>, terms: Big<N>, n: Vector<N>| {
+    let Slack { lateral, turn, rounding, .. } = ray.slack;
+    let travelled = |t: &Big<N>| (Bound::of(t) * size(&ray.d), size(&ray.o));
+    let flat = |crossing: &Crossing<N>, n: Vector<N>| {
         // A distance that vanishes beside its terms has lost its digits.
-        sign(&num, &terms)?;
-        let den = n.dot(&ray.d);
-        let p = ray.o + ray.d * num.over(den);
-        Ok(ExactHit { p, normal: n, square: n.dot(&n), turned: den.signum() > 0, decision })
+        crossing.ahead()?;
+        let t = crossing.num.over(crossing.den);
+        let (way, start) = travelled(&t);
+        let along = n.0[largest(&n)];
+        // Across the line, and what its slant makes of that on the plane.
+        let delta = times(lateral, 1) + way * times(turn, 2) + rounding * (way + start);
+        let off = times(rounding * crossing.num_terms, 1);
+        let place = (times(crossing.den_terms, 2) * delta + off * size(&ray.d)).over(&crossing.den);
+        let lateral = delta + times(off.over(&along), 1);
+        // A sliver's normal has lost what its sides have in common.
+        let bend = times(rounding * crossing.den_terms, 1).over(&along).over(&ray.d.0[largest(&ray.d)]);
+        let slack = Slack { lateral, place, turn: turn + times(bend, 2), rounding };
+        let turned = crossing.den.signum() > 0;
+        Ok(ExactHit { p: ray.o + ray.d * t, normal: n, square: n.dot(&n), turned, decision, slack, bend })
     };
     match kind(scene, decision.id) {
         Kind::Plane(i) => {
-            let (n, offset) = plane(scene, i);
-            flat(offset - n.dot(&ray.o), offset.abs() + size(&n) * size(&ray.o), n)
+            let (crossing, n) = cross_plane(scene, ray, i);
+            flat(&crossing, n)
         }
         Kind::Triangle(i) => {
-            let (a, e1, e2) = triangle(scene, i);
-            let n = e1.cross(&e2);
-            let terms = size(&e1) * size(&e2) * (size(&a) + size(&ray.o));
-            flat(n.dot(&(a - ray.o)), terms, n)
+            let (crossing, n) = cross_triangle(ray, &triangle(scene, i));
+            flat(&crossing, n)
         }
         Kind::Sphere(i) => {
             let s = &scene.spheres()[i];
             let (c, r) = (Vector::new(s.center), Big::new(s.radius));
-            let t = if ray.from.is_some_and(|f| f.id == decision.id) {
-                other_root(ray, &c)
+            let chord = Chord::new(ray, &c, r);
+            let (t, sway) = if ray.from.is_some_and(|f| f.id == decision.id) {
+                (chord.other(rounding).t, times(chord.b_error, 1).over(&ray.d.0[largest(&ray.d)]) + ray.slack.place)
             } else {
-                let oc = ray.o - c;
-                let (a, b) = (ray.d.dot(&ray.d), oc.dot(&ray.d));
-                let (oc2, rr) = (oc.dot(&oc), r * r);
-                let cc = oc2 - rr;
-                sign(&cc, &(oc2 + rr))?;
-                let root = (b * b - a * cc).sqrt();
-                // Of the two forms of each root, the one that subtracts nothing.
-                match decision.inside {
-                    false => cc.over(root - b),
-                    true if b.signum() > 0 && !cc.is_zero() => -cc.over(root + b),
-                    true => (root - b).over(a),
-                }
+                let root = chord.root()?.unwrap_or((Big::ZERO, Bound::ZERO));
+                let sway = times(chord.delta, 1) + root.1.over(&ray.d.0[largest(&ray.d)]);
+                (chord.distance(root, decision.inside, rounding).t, sway)
             };
             let p = ray.o + ray.d * t;
+            let (way, start) = travelled(&t);
+            let place = sway + rounding * (way + start + size(&c));
+            let bend = times(place, 1).over(&r);
             // The normal is a difference of places: it must keep digits beside them.
-            sign(&r, &(size(&p) + size(&c)))?;
-            Ok(ExactHit { p, normal: p - c, square: r * r, turned: decision.inside, decision })
+            if bend != Bound::ZERO && bend.exponent() > -VALUE {
+                return Err(Unsure);
+            }
+            let slack = Slack { lateral: place, place, turn: turn + times(bend, 2) + rounding, rounding };
+            Ok(ExactHit { p, normal: p - c, square: r * r, turned: decision.inside, decision, slack, bend })
         }
     }
 }
@@ -285,18 +506,34 @@ impl<const N: usize> ExactHit<N> {
             square: self.square.resize(),
             turned: self.turned,
             decision: self.decision,
+            slack: self.slack,
+            bend: self.bend,
         }
+    }
+
+    /// Whether place and normal are known well enough to be seen: against the place's size, so
+    /// that its distance from a light close by is known as well, and against 1, the size of a
+    /// picture on a plane.
+    pub(crate) fn is_known(&self) -> bool {
+        let fine = |error: Bound, to: i64| error == Bound::ZERO || error.exponent() <= to;
+        fine(self.slack.place, size(&self.p).exponent().saturating_sub(2 * VALUE))
+            && fine(self.slack.place, -VALUE)
+            && fine(self.bend, -VALUE)
     }
 
     /// The ray reflected from here.
     pub(crate) fn reflect(&self, d: &Vector<N>) -> ExactRay<N> {
         let along = self.normal.dot(d).scale(1).over(self.square);
-        ExactRay { o: self.p, d: *d - self.normal * along, from: Some(self.decision) }
+        ExactRay { o: self.p, d: *d - self.normal * along, from: Some(self.decision), slack: self.slack }
     }
 
     /// The segment from here to `light`, a world point.
     pub(crate) fn towards(&self, light: DVec3) -> ExactRay<N> {
-        ExactRay { o: self.p, d: Vector::new(light) - self.p, from: Some(self.decision) }
+        let d = Vector::new(light) - self.p;
+        let Slack { place, rounding, .. } = self.slack;
+        let turn = times(place, 1).over(&d.0[largest(&d)]) + rounding;
+        let slack = Slack { lateral: place, place, turn, rounding };
+        ExactRay { o: self.p, d, from: Some(self.decision), slack }
     }
 
     /// The unit normal, turned to the side the ray strikes.

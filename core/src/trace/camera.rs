@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::arbiter::{ExactRay, LAST};
-use crate::geometry::{Ray, U, V3};
-use crate::precise::{Big, Vector};
+use crate::geometry::{DoubleDouble, Ray, Real, U, V3};
+use crate::precise::{Big, Bound, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
 
@@ -33,6 +33,9 @@ pub(crate) struct Frame {
     height: u32,
     location: DVec3,
     exact: [Vector<LAST>; 3],
+    double: [V3<DoubleDouble>; 3],
+    /// What `exact` has lost where the sky is almost the view's direction.
+    turn: Bound,
     pub(crate) forward: DVec3,
     pub(crate) right: DVec3,
     pub(crate) up: DVec3,
@@ -42,7 +45,10 @@ impl Frame {
     pub(crate) fn new(camera: &Camera, view: &View, grid: u32) -> Self {
         let location = camera.location();
         let f = (Vector::new(camera.look_at()) - Vector::new(location)).normalize();
-        let r = Vector::new(camera.sky()).cross(&f).normalize();
+        let sky = Vector::new(camera.sky());
+        let across = sky.cross(&f);
+        let r = across.normalize();
+        let turn = (Bound::of(&sky.length()) * Bound::power(16 - 64 * LAST as i64)).over(&across.length());
         let u = f.cross(&r);
         let units = 2.0 * f64::from(grid) * f64::from(view.height());
         let distance = (Big::new(view.zoom()) * Big::new(units)).over(Big::new(view.plane_height()));
@@ -51,17 +57,21 @@ impl Frame {
         let scale = -distance.exponent().max(widest.exponent());
         let exact = [(f * distance).scale(scale), r.scale(scale), u.scale(scale)];
         let [forward, right, up] = exact.map(|v| v.to_f64());
-        Self { grid, width: view.width(), height: view.height(), location, exact, forward, right, up }
+        let double = exact.each_ref().map(|v| {
+            let [x, y, z] = v.0.each_ref().map(DoubleDouble::nearest);
+            V3 { x, y, z }
+        });
+        Self { grid, width: view.width(), height: view.height(), location, exact, double, turn, forward, right, up }
     }
 
-    /// The centre of cell (a, b) of pixel (i, j), a to the right, b down.
-    pub(crate) fn point(&self, (i, j): (u32, u32), (a, b): (u32, u32)) -> PlanePoint {
+    /// The centre of cell (x, y) of the picture's grid, x to the right, y down.
+    pub(crate) fn cell(&self, x: u32, y: u32) -> PlanePoint {
         let n = i64::from(self.grid);
-        let at = |pixel: u32, cell: u32| 2 * n * i64::from(pixel) + 2 * i64::from(cell) + 1;
-        let x = at(i, a) - n * i64::from(self.width);
-        let y = n * i64::from(self.height) - at(j, b);
         // At most 2 · 64 · 65536 in magnitude.
-        PlanePoint { x: x as i32, y: y as i32 }
+        PlanePoint {
+            x: (2 * i64::from(x) + 1 - n * i64::from(self.width)) as i32,
+            y: (n * i64::from(self.height) - 2 * i64::from(y) - 1) as i32,
+        }
     }
 
     /// The ray through `p`, in local space.
@@ -72,6 +82,16 @@ impl Frame {
         Ray::new(V3::splat(DVec3::ZERO), V3::splat(self.direction(p)), 0.0, TURN)
     }
 
+    /// The ray through `p`, in local space and to twice the digits; the bound as for [`Self::ray`].
+    pub(crate) fn double_ray(&self, p: PlanePoint) -> Ray<DoubleDouble> {
+        let [f, r, u] = self.double;
+        let k = DoubleDouble::splat;
+        let d = f + r * k(f64::from(p.x)) + u * k(f64::from(p.y));
+        // Below 2^−900 of a direction of length 1 nothing is lost that counts here.
+        let turn = if self.turn.exponent() < -900 { TURN / U * DoubleDouble::U } else { f64::INFINITY };
+        Ray::new(V3::splat(DVec3::ZERO), d, k(0.0), k(turn))
+    }
+
     /// The direction of [`Self::ray`].
     pub(crate) fn direction(&self, p: PlanePoint) -> DVec3 {
         self.forward + self.right * f64::from(p.x) + self.up * f64::from(p.y)
@@ -79,8 +99,9 @@ impl Frame {
 
     /// The ray through `p`, in world space and wide arithmetic.
     pub(crate) fn exact_ray<const N: usize>(&self, p: PlanePoint) -> ExactRay<N> {
-        let [f, r, u] = self.exact.map(|v| v.resize());
+        let [f, r, u] = &self.exact;
+        let (f, r, u) = (f.resize(), r.resize(), u.resize());
         let d = f + r * Big::new(f64::from(p.x)) + u * Big::new(f64::from(p.y));
-        ExactRay { o: Vector::new(self.location), d, from: None }
+        ExactRay::new(self.location, d, self.turn)
     }
 }

@@ -1,111 +1,235 @@
 //! One path before the arbiter: followed in wide arithmetic only as far as it was asked about.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
-use super::Tracer;
 use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
-use crate::geometry::ObjectId;
+use super::prepared::PreparedScene;
+use super::shade::Place;
+use super::{Tracer, double, texture};
+use crate::geometry::{ObjectId, V3};
+use crate::scene::Pigment;
 
 /// The path in numbers of one width.
-struct ExactPath<'a, const N: usize> {
-    tracer: &'a Tracer,
-    point: PlanePoint,
+struct ExactPath<const N: usize> {
     /// Decisions followed, and the ray after them.
-    at: Option<(usize, ExactRay<N>)>,
+    done: usize,
+    ray: ExactRay<N>,
+    /// What that ray is known to meet, and where.
+    hit: Option<(Decision, ExactHit<N>)>,
+    /// The digits are used up: nothing more can be told.
+    lost: bool,
 }
 
-impl<const N: usize> ExactPath<'_, N> {
-    /// The ray after all decisions of `trail`.
-    fn ray(&mut self, trail: &[Decision]) -> Result<ExactRay<N>, Unsure> {
-        let (mut done, mut ray) = self.at.unwrap_or_else(|| (0, self.tracer.frame.exact_ray(self.point)));
-        let scene = &self.tracer.prepared.scene;
-        for &decision in &trail[done..] {
-            ray = arbiter::hit(scene, &ray, decision)?.reflect(&ray.d);
-            done += 1;
+impl<const N: usize> ExactPath<N> {
+    fn new(done: usize, ray: ExactRay<N>) -> Self {
+        Self { done, ray, hit: None, lost: false }
+    }
+
+    /// The ray after all decisions of the trail.
+    fn ray(&mut self, case: &Case<'_>) -> Result<&ExactRay<N>, Unsure> {
+        while !self.lost && self.done < case.trail.len() {
+            match self.met(case, case.trail[self.done]) {
+                Ok(hit) => {
+                    self.ray = hit.reflect(&self.ray.d);
+                    self.hit = None;
+                    self.done += 1;
+                }
+                Err(Unsure) => self.lost = true,
+            }
         }
-        self.at = Some((done, ray));
-        Ok(ray)
+        if self.lost { Err(Unsure) } else { Ok(&self.ray) }
     }
 
-    /// The point met by the ray after all decisions of `trail`.
-    fn hit(&mut self, trail: &[Decision], decision: Decision) -> Result<ExactHit<N>, Unsure> {
-        let ray = self.ray(trail)?;
-        arbiter::hit(&self.tracer.prepared.scene, &ray, decision)
+    /// Where the ray that was reached meets `decision`: asked for each light, and by the next step.
+    fn met(&mut self, case: &Case<'_>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
+        if let Some((of, hit)) = self.hit
+            && of == decision
+        {
+            return Ok(hit);
+        }
+        let hit = arbiter::hit(&case.tracer.prepared.scene, &self.ray, decision)?;
+        self.hit = Some((decision, hit));
+        Ok(hit)
     }
 
-    fn closest(&mut self, trail: &[Decision], candidates: &[ObjectId]) -> Result<Option<Decision>, Unsure> {
-        let found = arbiter::closest(&self.tracer.prepared.scene, &self.ray(trail)?, candidates.iter().copied())?;
+    /// The point met by the ray after all decisions of the trail.
+    fn hit(&mut self, case: &Case<'_>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
+        self.ray(case)?;
+        self.met(case, decision)
+    }
+
+    /// The path in other numbers from where it is, what they hold taken as it is.
+    fn taken_as_it_is<const M: usize>(&self) -> ExactPath<M> {
+        ExactPath::new(self.done, self.ray.resize().taken_as_it_is())
+    }
+}
+
+/// What is asked about: a path, by its decisions so far, which only ever grow.
+#[derive(Clone, Copy)]
+pub(crate) struct Case<'a> {
+    pub(crate) tracer: &'a Tracer,
+    pub(crate) point: PlanePoint,
+    pub(crate) trail: &'a [Decision],
+}
+
+/// A question about a path, put at one width.
+trait Question {
+    type Answer;
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure>;
+}
+
+/// Which of some objects the path meets next.
+struct Closest<'a>(&'a [ObjectId]);
+
+impl Question for Closest<'_> {
+    type Answer = Option<Decision>;
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Option<Decision>, Unsure> {
+        let found = arbiter::closest(&case.tracer.prepared.scene, path.ray(case)?, self.0.iter().copied())?;
         Ok(found.map(|(decision, _)| decision))
     }
+}
 
-    fn occluded(
-        &mut self,
-        trail: &[Decision],
-        met: Decision,
-        light: DVec3,
-        candidates: &[ObjectId],
-    ) -> Result<bool, Unsure> {
-        let segment = self.hit(trail, met)?.towards(light);
-        arbiter::occluded(&self.tracer.prepared.scene, &segment, candidates.iter().copied())
+/// Whether one of some objects stands between the point met and a light.
+struct Occluded<'a> {
+    met: Decision,
+    light: DVec3,
+    candidates: &'a [ObjectId],
+}
+
+impl Question for Occluded<'_> {
+    type Answer = bool;
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<bool, Unsure> {
+        let segment = path.hit(case, self.met)?.towards(self.light);
+        arbiter::occluded(&case.tracer.prepared.scene, &segment, self.candidates.iter().copied())
     }
 }
 
-/// Mirrors that a path in the first width may have behind it: each can cost it several bits.
-const SHORT: usize = 8;
-
-/// Coordinates of 2^FAR and more lose too much of their fraction to the first width.
-const FAR: i64 = 128;
-
-/// The path at both widths. Each question gives the decisions so far, which only ever grow.
-pub(crate) struct Court<'a> {
-    first: ExactPath<'a, FIRST>,
-    last: ExactPath<'a, LAST>,
+/// The point met, and the direction mirrored there if that is `mirrored` on.
+struct Hit {
+    met: Decision,
+    mirrored: bool,
 }
 
-impl<'a> Court<'a> {
-    pub(crate) fn new(tracer: &'a Tracer, point: PlanePoint) -> Self {
-        Self { first: ExactPath { tracer, point, at: None }, last: ExactPath { tracer, point, at: None } }
+/// A point that the path meets, of the width that knew it.
+pub(crate) enum WideHit {
+    First(ExactHit<FIRST>),
+    Last(Box<ExactHit<LAST>>),
+}
+
+/// Does the same with a hit of either width.
+macro_rules! either {
+    ($wide:expr, $hit:ident => $e:expr) => {
+        match $wide {
+            WideHit::First($hit) => $e,
+            WideHit::Last($hit) => $e,
+        }
+    };
+}
+
+impl WideHit {
+    /// The unit normal, turned to the side the ray strikes.
+    pub(crate) fn normal(&self) -> DVec3 {
+        either!(self, hit => hit.normal())
+    }
+
+    /// The cosine towards `light`, a world point.
+    pub(crate) fn cosine(&self, light: DVec3) -> f64 {
+        either!(self, hit => hit.cosine(light))
+    }
+
+    /// The point in local space.
+    pub(crate) fn place(&self, tracer: &Tracer) -> DVec3 {
+        let PreparedScene { local, scene, .. } = &*tracer.prepared;
+        either!(self, hit => arbiter::to_local(local, scene, &hit.p))
+    }
+
+    /// Where a picture is read there.
+    pub(crate) fn coordinates(&self, tracer: &Tracer) -> DVec2 {
+        either!(self, hit => texture::exact_coordinates(&tracer.prepared.scene, &tracer.mappings, hit))
+    }
+}
+
+impl Question for Hit {
+    type Answer = (WideHit, DVec3);
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure> {
+        let hit = path.hit(case, self.met)?;
+        if !hit.is_known() {
+            return Err(Unsure);
+        }
+        let d = if self.mirrored { hit.reflect(&path.ray.d).d.to_f64() } else { DVec3::ZERO };
+        let hit = if N == FIRST { WideHit::First(hit.resize()) } else { WideHit::Last(Box::new(hit.resize())) };
+        Ok((hit, d))
+    }
+}
+
+/// A place that f64 alone would misplace.
+pub(crate) struct Refined {
+    pub(crate) place: Place,
+    /// The direction mirrored there, where it was asked for; rounded.
+    pub(crate) mirrored: DVec3,
+    /// The place itself, where its rounding would be too much for what is computed from it.
+    pub(crate) hit: Option<WideHit>,
+}
+
+/// The path at both widths, each as far as it was needed.
+#[derive(Default)]
+pub(crate) struct Court {
+    first: Option<ExactPath<FIRST>>,
+    last: Option<Box<ExactPath<LAST>>>,
+    /// From where the last width has used its digits up: any width is as good then.
+    given: Option<ExactPath<FIRST>>,
+    unresolved: bool,
+}
+
+impl Court {
+    /// Whether something was asked that even the last width could not tell.
+    pub(crate) fn unresolved(&self) -> bool {
+        self.unresolved
+    }
+
+    fn ask<Q: Question>(&mut self, case: &Case<'_>, question: &Q) -> Option<Q::Answer> {
+        let Case { tracer, point, .. } = *case;
+        let first = self.first.get_or_insert_with(|| ExactPath::new(0, tracer.frame.exact_ray(point)));
+        if let Ok(answer) = question.ask(case, first) {
+            return Some(answer);
+        }
+        let last = self.last.get_or_insert_with(|| Box::new(ExactPath::new(0, tracer.frame.exact_ray(point))));
+        if let Ok(answer) = question.ask(case, &mut **last) {
+            return Some(answer);
+        }
+        self.unresolved = true;
+        let answer = if last.lost {
+            question.ask(case, self.given.get_or_insert_with(|| last.taken_as_it_is()))
+        } else {
+            question.ask(case, &mut last.taken_as_it_is::<LAST>())
+        };
+        answer.ok()
     }
 
     /// Which of `candidates` the path meets next.
-    pub(crate) fn closest(&mut self, trail: &[Decision], candidates: &[ObjectId]) -> Option<Decision> {
-        if trail.len() <= SHORT
-            && let Ok(found) = self.first.closest(trail, candidates)
-        {
-            return found;
-        }
-        self.last.closest(trail, candidates).ok().flatten()
+    pub(crate) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Decision> {
+        self.ask(case, &Closest(candidates)).flatten()
     }
 
     /// Whether one of `candidates` stands between the point met and `light`.
-    pub(crate) fn occluded(
-        &mut self,
-        trail: &[Decision],
-        met: Decision,
-        light: DVec3,
-        candidates: &[ObjectId],
-    ) -> bool {
-        if trail.len() <= SHORT
-            && let Ok(occluded) = self.first.occluded(trail, met, light, candidates)
-        {
-            return occluded;
-        }
-        self.last.occluded(trail, met, light, candidates).unwrap_or(false)
+    pub(crate) fn occluded(&mut self, case: &Case<'_>, met: Decision, light: DVec3, candidates: &[ObjectId]) -> bool {
+        self.ask(case, &Occluded { met, light, candidates }).unwrap_or(false)
     }
 
-    /// The point met and the direction mirrored there. The widest numbers are never unsure.
-    pub(crate) fn hit(&mut self, trail: &[Decision], met: Decision) -> Option<(ExactHit<LAST>, DVec3)> {
-        if trail.len() <= SHORT
-            && let Ok(hit) = self.first.hit(trail, met)
-            && let Ok(ray) = self.first.ray(trail)
-            // A picture's place on a plane is what is left of a coordinate modulo 1.
-            && hit.p.exponent() < FAR
+    /// The place met, as right as f64 can say it, and, where it is asked for, the direction mirrored
+    /// there. `throughput` is what the path has left of the light.
+    pub(crate) fn place(&mut self, case: &Case<'_>, met: Decision, throughput: f64, mirrored: bool) -> Option<Refined> {
+        let tracer = case.tracer;
+        let pictured = matches!(tracer.material(met.id).pigment, Pigment::Picture(_));
+        if !pictured
+            && let Some((place, mirrored)) = double::place(case, met)
+            && !tracer.too_wide(&place, throughput)
         {
-            return Some((hit.resize(), hit.reflect(&ray.d).d.to_f64()));
+            return Some(Refined { place, mirrored, hit: None });
         }
-        let hit = self.last.hit(trail, met).ok()?;
-        let ray = self.last.ray(trail).ok()?;
-        Some((hit, hit.reflect(&ray.d).d.to_f64()))
+        let (hit, mirrored) = self.ask(case, &Hit { met, mirrored })?;
+        let place = Place::rounded(V3::splat(hit.place(tracer)), V3::splat(hit.normal()));
+        Some(Refined { place, mirrored, hit: Some(hit) })
     }
 }

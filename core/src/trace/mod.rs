@@ -4,6 +4,7 @@ pub(crate) mod arbiter;
 mod camera;
 mod condition;
 mod court;
+mod double;
 mod filter;
 mod packet;
 mod path;
@@ -50,6 +51,22 @@ pub struct RayCounts {
     pub shadow: u64,
     /// Decisions and values that plain f64 left open and wider numbers settled.
     pub refined: u64,
+    /// Samples of which something was taken from wider numbers as they were, though their proven
+    /// error left it open: paths so long and curved that they use up any number of digits.
+    pub unresolved: u64,
+}
+
+/// Whether wide arithmetic decides what f64 leaves open.
+///
+/// For benches, to show what exactness costs: no setting, message or command reaches this.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Refinement {
+    /// As the image model demands.
+    #[default]
+    On,
+    /// What f64 leaves open goes by f64's own value. Pictures may be wrong.
+    Off,
 }
 
 impl std::ops::AddAssign for RayCounts {
@@ -58,6 +75,7 @@ impl std::ops::AddAssign for RayCounts {
         self.mirror += o.mirror;
         self.shadow += o.shadow;
         self.refined += o.refined;
+        self.unresolved += o.unresolved;
     }
 }
 
@@ -105,6 +123,7 @@ pub struct Tracer {
     /// What could fall between pixel corners; for adaptive sampling only.
     marks: Marks,
     level: Level,
+    refinement: Refinement,
 }
 
 /// Pixels along the edge of the blocks that threads take.
@@ -142,6 +161,7 @@ impl Tracer {
             marks: Marks::default(),
             mirrors: materials.iter().any(|m| m.reflect > 0.0),
             level: Level::best(),
+            refinement: Refinement::On,
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
             background: linear(scene.background()),
@@ -201,7 +221,7 @@ impl Tracer {
         let blocks = region.blocks(BLOCK);
         let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
             .into_par_iter()
-            .map_init(WaveScratch::default, |scratch, block| {
+            .map_init(BlockScratch::default, |scratch, block| {
                 let mut counts = RayCounts::default();
                 let pixels = self.block(block, scratch, &mut counts);
                 (block, pixels, counts)
@@ -261,6 +281,14 @@ impl Tracer {
         Self { level, ..self }
     }
 
+    /// The same tracer with or without wide arithmetic. For benches alone: without it, pictures
+    /// may be wrong.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_refinement(self, refinement: Refinement) -> Self {
+        Self { refinement, ..self }
+    }
+
     /// Records the paths through `points`, each as far as its want goes and its weight is not
     /// below `least`; units are 1/(2·grid) pixel. Sequential: callers spread work over threads.
     /// Neighbours in the list had better be neighbours in the plane.
@@ -299,27 +327,27 @@ impl Tracer {
         }
     }
 
-    fn block(&self, block: Region, scratch: &mut WaveScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
+    fn block(&self, block: Region, scratch: &mut BlockScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
         let n = self.grid;
-        let share = 1.0 / f64::from(n * n);
         let (width, height) = (block.width() * n, block.height() * n);
-        // Packets are squares of 4 × 4 neighbouring samples.
-        let mut places = Vec::with_capacity((width * height) as usize);
-        for y0 in (0..height).step_by(4) {
-            for x0 in (0..width).step_by(4) {
-                for y in y0..height.min(y0 + 4) {
-                    places.extend((x0..width.min(x0 + 4)).map(|x| (x, y)));
-                }
+        let BlockScratch { points, samples, ordered, wave } = scratch;
+        points.clear();
+        packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
+        samples.clear();
+        samples.resize(points.len(), Sample::BLANK);
+        self.trace(points, samples, wave, counts);
+        ordered.resize(points.len(), DVec3::ZERO);
+        let mut done = samples.iter();
+        packets(width, height, |x, y| {
+            if let Some(sample) = done.next() {
+                ordered[(y * width + x) as usize] = sample.radiance;
             }
+        });
+        let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
+        if n == 1 {
+            return ordered.iter().map(|&v| single(v)).collect();
         }
-        let point = |&(x, y): &(u32, u32)| self.frame.point((block.x0 + x / n, block.y0 + y / n), (x % n, y % n));
-        let points: Vec<PlanePoint> = places.iter().map(point).collect();
-        let mut samples = vec![Sample::BLANK; points.len()];
-        self.trace(&points, &mut samples, scratch, counts);
-        let mut ordered = vec![DVec3::ZERO; points.len()];
-        for (&(x, y), s) in places.iter().zip(&samples) {
-            ordered[(y * width + x) as usize] = s.radiance;
-        }
+        let share = 1.0 / f64::from(n * n);
         let mut pixels = Vec::with_capacity(block.area() as usize);
         for j in 0..block.height() {
             for i in 0..block.width() {
@@ -328,9 +356,32 @@ impl Tracer {
                     let row = ((j * n + b) * width + i * n) as usize;
                     sum = ordered[row..row + n as usize].iter().fold(sum, |sum, &x| sum + x);
                 }
-                pixels.push((sum * share).to_array().map(|c| c as f32));
+                pixels.push(single(sum * share));
             }
         }
         pixels
+    }
+}
+
+/// Memory of a thread that renders blocks.
+#[derive(Default)]
+struct BlockScratch {
+    points: Vec<PlanePoint>,
+    samples: Vec<Sample>,
+    ordered: Vec<DVec3>,
+    wave: WaveScratch,
+}
+
+/// Visits the cells of a grid so that sixteen in a row make a packet: squares of 4 × 4.
+#[inline(always)]
+fn packets(width: u32, height: u32, mut visit: impl FnMut(u32, u32)) {
+    for y0 in (0..height).step_by(4) {
+        for x0 in (0..width).step_by(4) {
+            for y in y0..height.min(y0 + 4) {
+                for x in x0..width.min(x0 + 4) {
+                    visit(x, y);
+                }
+            }
+        }
     }
 }

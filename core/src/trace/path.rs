@@ -2,15 +2,15 @@
 
 use glam::DVec3;
 
-use super::arbiter::{self, Decision};
+use super::arbiter::Decision;
 use super::camera::PlanePoint;
-use super::court::Court;
+use super::court::{Case, Court, Refined};
 use super::packet::{INSIDE, NONE};
 use super::query::{Closest, Occluded, Scratch};
 use super::record::Recording;
 use super::shade::{self, Place};
 use super::texture;
-use super::{RayCounts, Sample, Tracer};
+use super::{RayCounts, Refinement, Sample, Tracer};
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
@@ -47,22 +47,26 @@ impl Tracer {
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
-        let mut exact = Court::new(self, point);
+        let mut court = Court::default();
+        let refines = self.refinement == Refinement::On;
         let mut ray = self.frame.ray(point);
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
         let mut sum = DVec3::ZERO;
         counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
+            let case = Case { tracer: self, point, trail };
             let decision = match self.prepared.closest(&ray, from, query) {
                 Closest::Nothing => None,
                 Closest::Sure(decision) => Some(decision),
+                Closest::Doubt if !refines => query.likely_closest(),
                 Closest::Doubt => {
                     counts.refined += 1;
-                    exact.closest(trail, &query.candidates().collect::<Vec<_>>())
+                    court.closest(&case, &query.candidates().collect::<Vec<_>>())
                 }
             };
             let Some(decision) = decision else {
+                counts.unresolved += u64::from(court.unresolved());
                 let background = self.background * throughput;
                 if let Some((record, path)) = &mut record {
                     record.meet(*path, NONE, (DVec3::ZERO, DVec3::ZERO), background);
@@ -71,25 +75,30 @@ impl Tracer {
             };
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
-            let mut wide = if self.too_wide(&place, throughput) { exact.hit(trail, decision) } else { None };
+            let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
+            let too_wide = refines && self.too_wide(&place, throughput);
+            if !refines {
+                place = place.taken_as_it_is();
+                ray.ed = ray.ed.min(4.0 * U);
+            }
+            let mut refined = if too_wide { court.place(&case, decision, throughput, goes_on) } else { None };
             let mut color = material.albedo;
             if let Pigment::Picture(picture) = material.pigment {
                 let picture_data = &scene.pictures()[picture.0 as usize];
                 let size = f64::from(picture_data.width().max(picture_data.height()));
                 let (mut uv, e) =
                     texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &place, &ray);
-                if wide.is_none() && !(e * size <= texture::TEXEL) {
-                    wide = exact.hit(trail, decision);
+                if refines && refined.is_none() && !(e * size <= texture::TEXEL) {
+                    refined = court.place(&case, decision, throughput, goes_on);
                 }
-                if let Some((hit, _)) = &wide {
-                    uv = texture::exact_coordinates(scene, &self.mappings, hit);
+                if let Some(Refined { hit: Some(hit), .. }) = &refined {
+                    uv = hit.coordinates(self);
                 }
                 color *= self.picture_color(picture, uv, decision.id);
             }
-            if let Some((hit, _)) = &wide {
+            if let Some(refined) = &refined {
                 counts.refined += 1;
-                let p = V3::splat(arbiter::to_local(&self.prepared.local, scene, &hit.p));
-                place = Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U };
+                place = refined.place;
             }
             if let Some((record, path)) = &mut record {
                 let code = decision.id.0 | if decision.inside { INSIDE } else { 0 };
@@ -100,9 +109,9 @@ impl Tracer {
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
                     let light = V3::splat(light);
                     let incidence = shade::incidence(&place, light);
-                    let cosine = match &wide {
-                        Some((hit, _)) => hit.cosine(scene.lights()[k]),
-                        None => incidence.cosine,
+                    let cosine = match &refined {
+                        Some(Refined { hit: Some(hit), .. }) => hit.cosine(scene.lights()[k]),
+                        _ => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
                         continue;
@@ -115,10 +124,11 @@ impl Tracer {
                     let blocked = match self.prepared.occluded(&shadow, Some(decision), query) {
                         Occluded::No => false,
                         Occluded::Yes => true,
+                        Occluded::Doubt if !refines => query.likely_occluded(),
                         Occluded::Doubt => {
                             counts.refined += 1;
                             let candidates: Vec<_> = query.candidates().collect();
-                            exact.occluded(trail, decision, scene.lights()[k], &candidates)
+                            court.occluded(&case, decision, scene.lights()[k], &candidates)
                         }
                     };
                     if !blocked {
@@ -148,17 +158,18 @@ impl Tracer {
                     break;
                 }
             }
-            if depth == self.settings.max_depth {
+            if !goes_on {
                 break;
             }
             counts.mirror += 1;
-            ray = match &wide {
-                Some((_, d)) => Ray::new(place.p, V3::splat(*d), place.ep, 4.0 * U),
+            ray = match &refined {
+                Some(refined) => Ray::new(place.p, V3::splat(refined.mirrored), place.ep, 4.0 * U),
                 None => shade::reflect(&ray, &place),
             };
             trail.push(decision);
             from = Some(decision);
         }
+        counts.unresolved += u64::from(court.unresolved());
         Sample { radiance: sum }
     }
 
@@ -196,7 +207,7 @@ impl Tracer {
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
-    fn too_wide(&self, place: &Place, throughput: f64) -> bool {
+    pub(super) fn too_wide(&self, place: &Place, throughput: f64) -> bool {
         let lights = &self.prepared.local.lights;
         let nearest = lights.iter().fold(f64::INFINITY, |d, &l| shade::nearer(d, place, V3::splat(l)));
         !(shade::excess(place, nearest, throughput) <= 0.0)

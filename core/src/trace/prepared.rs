@@ -11,8 +11,7 @@ use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
 use crate::geometry::local::surface_and_order;
 use crate::geometry::{Aabb, Local, ObjectId, Ray, U, V3};
-use crate::precise::Vector;
-use crate::precise::zero_area;
+use crate::precise::{Bound, Vector, zero_area};
 use crate::scene::{Scene, Triangle};
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -120,9 +119,14 @@ impl PreparedScene {
         direction: DVec3,
         candidates: &[ObjectId],
     ) -> Result<Option<(ObjectId, f64)>, Unsure> {
-        let ray = ExactRay::<N> { o: Vector::new(origin), d: Vector::new(direction), from: None };
-        let found = arbiter::closest(&self.scene, &ray, candidates.iter().copied())?;
-        Ok(found.map(|(decision, t)| (decision.id, t.to_f64())))
+        let ask = |ray: ExactRay<N>| -> Result<Option<(ObjectId, f64)>, Unsure> {
+            match arbiter::closest(&self.scene, &ray, candidates.iter().copied())? {
+                Some((decision, distance)) => Ok(Some((decision.id, distance.to_f64()?))),
+                None => Ok(None),
+            }
+        };
+        let ray = ExactRay::new(origin, Vector::new(direction), Bound::ZERO);
+        ask(ray).or_else(|unsure| if N == LAST { ask(ray.taken_as_it_is()) } else { Err(unsure) })
     }
 
     /// Whether an object meets the open segment between two points of world space, exactly.
@@ -139,8 +143,9 @@ impl PreparedScene {
             Occluded::Yes => true,
             Occluded::Doubt => {
                 let d = Vector::new(to) - Vector::new(from);
-                let exact = ExactRay::<LAST> { o: Vector::new(from), d, from: None };
-                arbiter::occluded(&self.scene, &exact, scratch.candidates()).unwrap_or(false)
+                let exact = ExactRay::<LAST>::new(from, d, Bound::ZERO);
+                let ask = |ray| arbiter::occluded(&self.scene, &ray, scratch.candidates());
+                ask(exact).or_else(|Unsure| ask(exact.taken_as_it_is())).unwrap_or(false)
             }
         }
     }

@@ -40,6 +40,17 @@ impl Scratch {
     pub(crate) fn candidates(&self) -> impl Iterator<Item = ObjectId> + '_ {
         self.found.iter().map(|(id, _)| *id)
     }
+
+    /// After a [`Closest::Doubt`]: what f64 makes of it by itself, the middle of each interval.
+    pub(crate) fn likely_closest(&self) -> Option<Decision> {
+        let nearest = self.found.iter().min_by(|(_, a), (_, b)| a.middle().total_cmp(&b.middle()));
+        nearest.map(|&(id, Span { inside, .. })| Decision { id, inside })
+    }
+
+    /// After an [`Occluded::Doubt`]: as [`Self::likely_closest`].
+    pub(crate) fn likely_occluded(&self) -> bool {
+        self.found.iter().any(|(_, s)| s.middle() > 0.0 && s.middle() < 1.0)
+    }
 }
 
 /// A ray made ready for boxes: starts moved outward by all that it may be misplaced anywhere
@@ -221,20 +232,8 @@ impl PreparedScene {
         let Scratch { found, stack } = scratch;
         found.clear();
         let mut bound = 1.0;
-        let blocked = self.walk(ray, from, &mut bound, stack, &mut |id, span, _| {
-            if span.sure && span.hi < 1.0 {
-                return true;
-            }
-            if span.lo < 1.0 {
-                found.push((id, span));
-            }
-            false
-        });
-        match (blocked, found.is_empty()) {
-            (true, _) => Occluded::Yes,
-            (false, true) => Occluded::No,
-            (false, false) => Occluded::Doubt,
-        }
+        let blocked = self.walk(ray, from, &mut bound, stack, &mut |id, span, _| blocks(id, span, found));
+        occlusion(blocked, found)
     }
 
     /// As [`Self::occluded`], among `ids` alone.
@@ -247,18 +246,32 @@ impl PreparedScene {
     ) -> Occluded {
         let found = &mut scratch.found;
         found.clear();
-        for id in ids {
-            match self.test(ray, id, from) {
-                Some(s) if s.sure && s.hi < 1.0 => return Occluded::Yes,
-                Some(s) if s.lo < 1.0 => found.push((id, s)),
-                _ => {}
-            }
-        }
-        if found.is_empty() { Occluded::No } else { Occluded::Doubt }
+        let mut ids = ids;
+        let blocked = ids.any(|id| self.test(ray, id, from).is_some_and(|span| blocks(id, span, found)));
+        occlusion(blocked, found)
     }
 
     /// The object's surface.
     pub(crate) fn surface_of(&self, id: ObjectId) -> SurfaceId {
         surface_and_order(&self.scene, id).0
+    }
+}
+
+/// Whether what is met at `span` surely blocks a segment of length 1; where it may, it is noted.
+fn blocks(id: ObjectId, span: Span, found: &mut Vec<(ObjectId, Span)>) -> bool {
+    if span.sure && span.hi < 1.0 {
+        return true;
+    }
+    if span.lo < 1.0 {
+        found.push((id, span));
+    }
+    false
+}
+
+fn occlusion(blocked: bool, found: &[(ObjectId, Span)]) -> Occluded {
+    match (blocked, found.is_empty()) {
+        (true, _) => Occluded::Yes,
+        (false, true) => Occluded::No,
+        (false, false) => Occluded::Doubt,
     }
 }

@@ -73,8 +73,8 @@ pub(super) struct Places {
     pub(super) lit: Vec<f64>,
     /// What was met, with `packet::INSIDE`; [`NONE`] for nothing.
     pub(super) met: Vec<u32>,
-    /// One more than the index into the paths' exact hits, 0 where f64 serves.
-    pub(super) exact: Vec<u32>,
+    /// One more than the index into the paths' refined places, 0 where f64 serves.
+    pub(super) refined: Vec<u32>,
 }
 
 impl Places {
@@ -89,8 +89,8 @@ impl Places {
         }
         self.met.clear();
         self.met.resize(n, NONE);
-        self.exact.clear();
-        self.exact.resize(n, 0);
+        self.refined.clear();
+        self.refined.resize(n, 0);
     }
 
     /// Segments to `light` from the places at eight indices.

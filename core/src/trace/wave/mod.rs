@@ -20,14 +20,14 @@ use super::path::PathScratch;
 use super::record::Recording;
 use super::shade::{self, Place};
 use super::texture;
-use super::{RayCounts, Sample, Tracer};
+use super::{RayCounts, Refinement, Sample, Tracer};
 use crate::bvh::{Boxes, Wide};
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{ObjectId, Ray, Real, U, V3};
 use crate::scene::{PictureId, Pigment};
-use crate::simd::{Double, Kernel, LANES, Simd, Single};
+use crate::simd::{Double, Kernel, LANES, Simd, Single, prefetch};
 
 /// The most paths of a wave.
 pub(crate) const PATHS: usize = 512;
@@ -99,7 +99,7 @@ impl Kernel for Wave<'_> {
             trails,
             query: &mut path.query,
             courts: Vec::new(),
-            hits: Vec::new(),
+            refined_places: Vec::new(),
             refined: 0,
             step: 0,
             record: self.record,
@@ -112,7 +112,7 @@ impl Kernel for Wave<'_> {
                 break;
             }
             paths.step = depth as usize - 1;
-            paths.hits.clear();
+            paths.refined_places.clear();
             places.reset(rays.len().next_multiple_of(LANES));
             stage.closest::<S>(rays, places, packet, walk, &mut paths);
             stage.places::<S>(rays, places, kinds, &mut paths);
@@ -127,6 +127,8 @@ impl Kernel for Wave<'_> {
         }
         self.counts.camera += n as u64;
         self.counts.refined += paths.refined;
+        let unresolved = paths.unresolved();
+        self.counts.unresolved += unresolved.iter().filter(|u| **u).count() as u64;
         self.counts.mirror += paths.mirrors.iter().map(|&n| u64::from(n)).sum::<u64>();
         self.counts.shadow += paths.shadows.iter().map(|&n| u64::from(n)).sum::<u64>();
         // Rays are left only where a wave keeps fewer steps than the paths may have.
@@ -134,6 +136,7 @@ impl Kernel for Wave<'_> {
         for &k in &rays.path {
             let k = k as usize;
             self.counts.camera -= 1;
+            self.counts.unresolved -= u64::from(unresolved.get(k).is_some_and(|u| *u));
             self.counts.mirror -= u64::from(mirrors[k]);
             self.counts.shadow -= u64::from(shadow_counts[k]);
             self.out[k] = self.tracer.sample(self.points[k], path, self.counts, record.as_mut().map(|r| (r, k)));
@@ -220,6 +223,7 @@ impl Stage<'_> {
             packet.active = all & near;
             packet::closest::<S>(self.filter, self.wide, packet, walk);
             places.met[at..at + count].copy_from_slice(&walk.best[..count]);
+            self.expect(&walk.best);
             let mut open = all & !near;
             for d in &walk.doubts {
                 open |= 1 << d.lane;
@@ -236,6 +240,16 @@ impl Stage<'_> {
                 let candidates = (near >> lane & 1 == 1).then_some(candidates);
                 paths.settle(rays, at + lane, candidates, places);
             }
+        }
+    }
+
+    /// Asks memory for the triangles that will be shaded.
+    #[inline(always)]
+    fn expect(&self, met: &[u32; LANES]) {
+        let scene = &self.tracer.prepared.scene;
+        let first = (scene.planes().len() + scene.spheres().len()) as u32;
+        for id in met {
+            prefetch(scene.triangles(), (id & !INSIDE).wrapping_sub(first) as usize, 1);
         }
     }
 
@@ -386,7 +400,8 @@ impl Stage<'_> {
         let (uv, e) = texture::coordinates(scene, &tracer.prepared.local, &tracer.mappings, met, &place, &ray);
         let data = &scene.pictures()[picture.0 as usize];
         let size = f64::from(data.width().max(data.height()));
-        (e * size <= texture::TEXEL).then(|| tracer.picture_color(picture, uv, met.id))
+        let fine = e * size <= texture::TEXEL || tracer.refinement == Refinement::Off;
+        fine.then(|| tracer.picture_color(picture, uv, met.id))
     }
 
     /// Records what each ray met.
@@ -430,8 +445,10 @@ impl Stage<'_> {
                 incidence.cosine.store(&mut cosines);
                 for lane in 0..8.min(n - at) {
                     let i = at + lane;
-                    if places.exact[i] != 0 {
-                        cosines[lane] = paths.hits[places.exact[i] as usize - 1].0.cosine(scene.lights()[k]);
+                    if places.refined[i] != 0
+                        && let Some(hit) = &paths.refined_places[places.refined[i] as usize - 1].hit
+                    {
+                        cosines[lane] = hit.cosine(scene.lights()[k]);
                         lit = lit & !(1 << lane) | u8::from(cosines[lane] > 0.0) << lane;
                     }
                     if lit >> lane & 1 == 0 || places.met[i] == NONE {
@@ -546,8 +563,11 @@ impl Stage<'_> {
                 }
                 paths.mirrors[path] += 1;
                 let (mut d, mut ed) = ([lanes[0][lane], lanes[1][lane], lanes[2][lane]], lanes[3][lane]);
-                if places.exact[i] != 0 {
-                    d = paths.hits[places.exact[i] as usize - 1].1.to_array();
+                if self.tracer.refinement == Refinement::Off {
+                    ed = ed.min(4.0 * U);
+                }
+                if places.refined[i] != 0 {
+                    d = paths.refined_places[places.refined[i] as usize - 1].mirrored.to_array();
                     ed = 4.0 * U;
                 }
                 for k in 0..3 {

@@ -1,17 +1,15 @@
 //! What a wave keeps of each path, and its way to wide arithmetic.
 
-use glam::DVec3;
-
-use crate::geometry::{ObjectId, U, V3};
+use crate::geometry::{ObjectId, V3};
 use crate::scene::Pigment;
-use crate::trace::arbiter::{self, Decision, ExactHit, LAST};
+use crate::trace::arbiter::Decision;
 use crate::trace::camera::PlanePoint;
-use crate::trace::court::Court;
+use crate::trace::court::{Case, Court, Refined};
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
 use crate::trace::record::Recording;
-use crate::trace::shade::{self, Place};
-use crate::trace::{Sample, Tracer, texture};
+use crate::trace::shade;
+use crate::trace::{Refinement, Sample, Tracer};
 
 use super::lanes::{Places, Rays};
 
@@ -27,9 +25,9 @@ pub(super) struct Paths<'a, 'r> {
     pub(super) trails: &'a mut Vec<Vec<u32>>,
     pub(super) query: &'a mut Scratch,
     /// Wide arithmetic of the paths that needed it; empty until one does.
-    pub(super) courts: Vec<Option<Box<Court<'a>>>>,
-    /// Points met at this step that f64 does not place well enough, and directions mirrored there.
-    pub(super) hits: Vec<(ExactHit<LAST>, DVec3)>,
+    pub(super) courts: Vec<Option<Box<Court>>>,
+    /// Places of this step that f64 alone would misplace.
+    pub(super) refined_places: Vec<Refined>,
     pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
@@ -37,16 +35,21 @@ pub(super) struct Paths<'a, 'r> {
     pub(super) record: Option<Recording<'r>>,
 }
 
-impl<'a> Paths<'a, '_> {
-    /// The court of `path`, and what that path met before this step.
-    fn court(&mut self, path: usize) -> (&mut Court<'a>, Vec<Decision>) {
+impl Paths<'_, '_> {
+    /// Puts a question about `path` to its court, with what that path met before this step.
+    fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Court, &Case<'_>) -> A) -> A {
         self.refined += 1;
         if self.courts.is_empty() {
             self.courts.resize_with(self.points.len(), || None);
         }
-        let trail = self.trails[..self.step].iter().filter_map(|met| decision(met[path])).collect();
-        let (tracer, point) = (self.tracer, self.points[path]);
-        (self.courts[path].get_or_insert_with(|| Box::new(Court::new(tracer, point))), trail)
+        let trail: Vec<_> = self.trails[..self.step].iter().filter_map(|met| decision(met[path])).collect();
+        let case = Case { tracer: self.tracer, point: self.points[path], trail: &trail };
+        question(self.courts[path].get_or_insert_default(), &case)
+    }
+
+    /// Of which paths something stayed open in the widest numbers; empty where none was asked about.
+    pub(super) fn unresolved(&self) -> Vec<bool> {
+        self.courts.iter().map(|c| c.as_ref().is_some_and(|c| c.unresolved())).collect()
     }
 
     /// Decides what ray `i` meets: in f64 among `candidates`, or all objects, and if need be beyond.
@@ -67,10 +70,13 @@ impl<'a> Paths<'a, '_> {
         places.met[i] = match found {
             Closest::Nothing => NONE,
             Closest::Sure(d) => code(d),
+            Closest::Doubt if self.tracer.refinement == Refinement::Off => {
+                self.query.likely_closest().map_or(NONE, code)
+            }
             Closest::Doubt => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                let (court, trail) = self.court(rays.path[i] as usize);
-                court.closest(&trail, &candidates).map_or(NONE, code)
+                let found = self.ask(rays.path[i] as usize, |court, case| court.closest(case, &candidates));
+                found.map_or(NONE, code)
             }
         };
     }
@@ -97,11 +103,11 @@ impl<'a> Paths<'a, '_> {
         match (occluded, met) {
             (Occluded::No, _) | (_, None) => false,
             (Occluded::Yes, _) => true,
+            (Occluded::Doubt, _) if self.tracer.refinement == Refinement::Off => self.query.likely_occluded(),
             (Occluded::Doubt, Some(met)) => {
                 let candidates: Vec<_> = self.query.candidates().collect();
                 let light = prepared.scene.lights()[light];
-                let (court, trail) = self.court(rays.path[i] as usize);
-                court.occluded(&trail, met, light, &candidates)
+                self.ask(rays.path[i] as usize, |court, case| court.occluded(case, met, light, &candidates))
             }
         }
     }
@@ -111,21 +117,26 @@ impl<'a> Paths<'a, '_> {
     pub(super) fn refine(&mut self, rays: &Rays, places: &mut Places, i: usize) {
         let Some(met) = decision(places.met[i]) else { return };
         let tracer = self.tracer;
-        let scene = &tracer.prepared.scene;
-        let (court, trail) = self.court(rays.path[i] as usize);
-        let Some((hit, mirrored)) = court.hit(&trail, met) else { return };
-        let p = V3::splat(arbiter::to_local(&tracer.prepared.local, scene, &hit.p));
-        places.set(i, &Place { p, ep: 2.0 * U * p.norm1(), n: V3::splat(hit.normal()), en: 2.0 * U });
+        if tracer.refinement == Refinement::Off {
+            places.set(i, &places.one(i).taken_as_it_is());
+            return;
+        }
+        let goes_on =
+            places.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
+        let throughput = rays.throughput[i];
+        let found = self.ask(rays.path[i] as usize, |court, case| court.place(case, met, throughput, goes_on));
+        let Some(refined) = found else { return };
+        places.set(i, &refined.place);
         let material = tracer.material(met.id);
-        if let Pigment::Picture(picture) = material.pigment {
-            let uv = texture::exact_coordinates(scene, &tracer.mappings, &hit);
+        if let (Pigment::Picture(picture), Some(hit)) = (material.pigment, &refined.hit) {
+            let uv = hit.coordinates(tracer);
             let color = material.albedo * tracer.picture_color(picture, uv, met.id);
             for (to, x) in places.albedo.iter_mut().zip(color.to_array()) {
                 to[i] = x;
             }
         }
-        self.hits.push((hit, mirrored));
-        places.exact[i] = self.hits.len() as u32;
+        self.refined_places.push(refined);
+        places.refined[i] = self.refined_places.len() as u32;
     }
 }
 

@@ -28,6 +28,11 @@ impl Series {
         median(self.0.iter().filter_map(|f| f.get(name).copied()).collect())
     }
 
+    /// The least of figure `name`; `None` where no run has it.
+    pub(crate) fn least(&self, name: &str) -> Option<f64> {
+        self.0.iter().filter_map(|f| f.get(name).copied()).min_by(f64::total_cmp)
+    }
+
     /// The median over rounds of `self`'s figure divided by `by`'s in the same round.
     pub(crate) fn ratio(&self, name: &str, by: &Self, by_name: &str) -> Option<f64> {
         let pairs = self.0.iter().zip(&by.0);

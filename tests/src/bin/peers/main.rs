@@ -2,10 +2,14 @@
 //!
 //! ```text
 //! scenes ─▶ files of each program ─▶ rounds: every program once a round ─▶ medians, ratios ─▶ tables
-//!        └▶ farm: the same picture by core alone, by two workers, by one ───────────────────▶ table
+//!        ├▶ farm: the same picture by core alone, by two workers, by one ───────────────────▶ table
+//!        └▶ exact: the same picture by core with and without wide arithmetic ───────────────▶ table
+//! small scenes at the limits of numbers ─▶ every program, held against 512 bits ─────────────▶ table
 //! ```
 
 mod embree;
+mod exact;
+mod extremes;
 mod farm;
 mod figures;
 mod process;
@@ -48,7 +52,9 @@ Results: tables in Markdown on stdout and in OUT/peers.md, every run in OUT/peer
 Examples:
   peers demo mirrors                    two scenes made here
   peers --scenes DIR --runs 9           all scenes of a folder
-  peers --scenes DIR --only farm demo   the cost of the farm beside core alone";
+  peers --scenes DIR --only farm demo   the cost of the farm beside core alone
+  peers --scenes DIR --only exact       the cost of wide arithmetic
+  peers --only extremes                 who is right at the limits of numbers";
 
 /// Times whole jobs of Tessera, POV-Ray, Tachyon and an Embree program side by side.
 #[derive(Debug, Parser)]
@@ -89,6 +95,10 @@ enum Only {
     Jobs,
     /// The farm against core alone
     Farm,
+    /// Core against itself without wide arithmetic
+    Exact,
+    /// How many small scenes at the limits of numbers each program gets right
+    Extremes,
 }
 
 fn size(text: &str) -> std::result::Result<(u32, u32), String> {
@@ -116,24 +126,43 @@ fn run(args: &Args) -> Result<()> {
         sampling: Sampling::Uniform { grid: 1 },
         transfer: Transfer::Linear,
     };
-    let scenes = scenes::choose(args.scenes.as_deref(), &args.names, &out)?;
+    let wanted = |what| args.only.is_none_or(|only| only == what);
+    let scenes = match args.only {
+        Some(Only::Extremes) => Vec::new(),
+        _ => scenes::choose(args.scenes.as_deref(), &args.names, &out)?,
+    };
     let mut text = format!(
         "{}x{} pixels, one sample each, at most {} rays a path, {} threads; medians of {} interleaved runs.\n",
         args.size.0, args.size.1, args.max_depth, args.threads, args.runs
     );
     let mut results = json!({ "size": args.size, "max_depth": args.max_depth, "threads": args.threads });
-    if args.only != Some(Only::Farm) {
+    if wanted(Only::Jobs) {
         let programs = Program::installed(args.embree.as_deref())?;
         let rows = scenes.iter().map(|scene| row(scene, &programs, &settings, args, &out));
         let rows = rows.collect::<Result<Vec<_>>>()?;
         text.push_str(&table::jobs(&programs, &rows));
         results["jobs"] = rows.iter().map(Row::json).collect();
     }
-    if args.only != Some(Only::Jobs) {
+    if wanted(Only::Farm) {
         let farms = scenes.iter().map(|scene| Ok((scene.name.clone(), farm::measure(scene, &settings, args.runs)?)));
         let farms = farms.collect::<Result<Vec<_>>>()?;
         text.push_str(&table::farm(&farms));
         results["farm"] = farms.iter().map(|(name, s)| json!({ "scene": name, "runs": s.json() })).collect();
+    }
+    if wanted(Only::Exact) {
+        let rows = scenes
+            .iter()
+            .map(|scene| Ok((scene.name.clone(), exact::measure(scene, &settings, args.threads, args.runs)?)));
+        let rows = rows.collect::<Result<Vec<_>>>()?;
+        text.push_str(&table::exact(&rows));
+        results["exact"] = rows.iter().map(|(name, s)| json!({ "scene": name, "runs": s.json() })).collect();
+    }
+    // Only where it is asked for: the oracle takes its time.
+    if args.only == Some(Only::Extremes) {
+        let programs = Program::installed(args.embree.as_deref())?;
+        let rows = extremes::measure(&programs, &out)?;
+        text = table::extremes(&rows);
+        results["extremes"] = rows.iter().map(extremes::Row::json).collect();
     }
     print!("{text}");
     write(&out, "peers.md", &text)?;

@@ -75,7 +75,7 @@ impl Program {
     }
 
     /// The picture it writes for `scene`.
-    fn picture(&self, scene: &str) -> String {
+    pub(crate) fn picture(&self, scene: &str) -> String {
         match self {
             Self::Embree(_) => format!("{scene}-embree.pfm"),
             _ => format!("{scene}-{}.png", self.name().to_lowercase()),
@@ -117,7 +117,8 @@ impl Program {
                 let mut c = Command::new(path);
                 c.arg("render").arg(&job.scene.path).args(["-o", &picture, "--report", &report(name)]);
                 c.args(["--workers", "2", "--threads", &threads, "--size", &format!("{width}x{height}")]);
-                c.args(["--max-depth", &depth, "--transfer", "linear", "--progress", "none"]);
+                c.args(["--max-depth", &depth, "--zoom", &format!("{:e}", view.zoom())]);
+                c.args(["--transfer", "linear", "--progress", "none"]);
                 c
             }
             Self::PovRay => {

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::Row;
+use crate::extremes;
 use crate::figures::Series;
 use crate::program::Program;
 
@@ -112,6 +113,54 @@ pub(crate) fn farm(rows: &[(String, Series)]) -> String {
             overhead.unwrap_or_default(),
             cell(series.median("one")),
             cell(series.ratio("one", series, "two")),
+        ]);
+    }
+    table.text
+}
+
+/// What exactness costs.
+pub(crate) fn exact(rows: &[(String, Series)]) -> String {
+    let columns = ["scene", "exact", "without", "least / least", "median of ratios", "refined", "unresolved"];
+    let mut table = Table::new(
+        "Tracing in seconds by core called directly (least of all rounds), with wide arithmetic and without; rays \
+         refined, and samples that even the widest numbers left open",
+        &columns.map(str::to_owned),
+    );
+    for (name, series) in rows {
+        let (exact, plain) = (series.least("exact"), series.least("plain"));
+        let refined = series.median("refined").map(|r| format!("{:.4} %", 100.0 * r));
+        table.row(&[
+            name.clone(),
+            cell(exact),
+            cell(plain),
+            cell(exact.zip(plain).map(|(a, b)| a / b)),
+            cell(series.ratio("exact", series, "plain")),
+            refined.unwrap_or_default(),
+            series.median("unresolved").map(|n| n.to_string()).unwrap_or_default(),
+        ]);
+    }
+    table.text
+}
+
+/// Who is right at the limits of numbers.
+pub(crate) fn extremes(rows: &[extremes::Row]) -> String {
+    let columns =
+        ["scenes", "program", "could be given", "no pixel wrong", "at most 0.5 % wrong", "pixels wrong", "no picture"];
+    let mut table = Table::new(
+        "Scenes of 64x48 pixels against 512-bit arithmetic; a pixel is wrong where a component is further off than \
+         2/255",
+        &columns.map(str::to_owned),
+    );
+    for row in rows {
+        let share = 100.0 * row.wrong as f64 / row.pixels.max(1) as f64;
+        table.row(&[
+            row.set.to_owned(),
+            row.program.to_owned(),
+            row.given.to_string(),
+            row.right.to_string(),
+            row.almost.to_string(),
+            format!("{} ({share:.2} %)", row.wrong),
+            row.failed.to_string(),
         ]);
     }
     table.text

@@ -1,0 +1,201 @@
+//! Sixteen rays at once through the f32 scene: a filter that never decides what it cannot prove.
+//!
+//! **Bound.** With u = 2⁻²⁴ and an object whose points are at most V from the origin, hence at most
+//! |o| + V from the start: the ray's own bound and its rounding misplace it there by at most
+//! eo + ed(|o| + V) + u|o| + u(|o| + V); of a plane's offset h − n·o, 2uV + 5u|o| is lost, of n·d
+//! 4u|d|, of a point's weights 6u·slope·V, of a sphere's q 5u(|o| + V) + 2uV. All of it is less than
+//! pos = eo + (1.1·ed + 12u)·|o| + (1.1·ed + 10u)·V. A plane met at cosine c is then met within
+//! pos/c, and weights are off by at most slope·pos·(1.2 + 1/c). Boxes moved outward by pad =
+//! 1.1·(eo + (1.1·ed + 10u)(|o| + reach)) are met wherever the real ray meets them: (lo − o)·(1/d)
+//! carries four roundings, less than 4u·(|o| + reach) in lo.
+//!
+//! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
+
+mod meet;
+mod walk;
+
+use super::filter::Filter;
+use crate::bvh::Wide;
+use crate::simd::{LANES, Mask, Simd, Single};
+use meet::Meeting;
+use walk::{Stacks, walk};
+
+/// The unit roundoff of f32.
+pub(crate) const U32: f32 = f32::EPSILON / 2.0;
+
+/// No object.
+pub(crate) const NONE: u32 = u32::MAX;
+/// Set in an object's id where a sphere's inner side is struck.
+pub(crate) const INSIDE: u32 = 1 << 31;
+
+/// Sixteen rays, rounded to f32.
+#[derive(Clone, Debug)]
+#[repr(align(64))]
+pub(crate) struct Packet {
+    pub(crate) o: [[f32; LANES]; 3],
+    pub(crate) d: [[f32; LANES]; 3],
+    /// How far an object at distance V may be misplaced: `near` + `per` · V.
+    pub(crate) near: [f32; LANES],
+    pub(crate) per: [f32; LANES],
+    /// How far boxes are moved outward.
+    pub(crate) pad: [f32; LANES],
+    /// Relative error of the direction.
+    pub(crate) ed: [f32; LANES],
+    /// Objects the rays start on, with [`INSIDE`]; [`NONE`] for camera rays.
+    pub(crate) own: [u32; LANES],
+    pub(crate) active: Mask,
+}
+
+impl Default for Packet {
+    fn default() -> Self {
+        let zero = [0.0; LANES];
+        Self { o: [zero; 3], d: [zero; 3], near: zero, per: zero, pad: zero, ed: zero, own: [NONE; LANES], active: 0 }
+    }
+}
+
+/// A lane's candidate that f32 cannot settle: not nearer than `lo`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Doubt {
+    pub(crate) lane: u8,
+    pub(crate) id: u32,
+    lo: f32,
+}
+
+/// What a packet found, and the memory it walked with.
+#[derive(Default)]
+pub(crate) struct Walk {
+    stacks: Stacks,
+    pub(crate) doubts: Vec<Doubt>,
+    /// The nearest sure object of each lane.
+    pub(crate) best: [u32; LANES],
+    best_hi: [f32; LANES],
+}
+
+impl Walk {
+    /// Forgets candidates that lie surely beyond their lane's nearest sure object.
+    fn prune(&mut self) {
+        let best_hi = &self.best_hi;
+        self.doubts.retain(|d| !(d.lo > best_hi[usize::from(d.lane)]));
+    }
+}
+#[inline(always)]
+fn lanes(mut mask: Mask) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (mask != 0).then(|| {
+            let k = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            k
+        })
+    })
+}
+/// What to do with meetings; `true` ends the walk.
+trait Visit<S: Simd> {
+    fn bound(&self) -> S::Single;
+    fn active(&self) -> Mask;
+    fn visit(&mut self, id: u32, m: Meeting<S>, walk: &mut Vec<Doubt>);
+}
+
+struct Nearest<S: Simd> {
+    active: Mask,
+    lo: S::Single,
+    hi: S::Single,
+    best: [u32; LANES],
+}
+
+impl<S: Simd> Visit<S> for Nearest<S> {
+    #[inline(always)]
+    fn bound(&self) -> S::Single {
+        self.hi
+    }
+    #[inline(always)]
+    fn active(&self) -> Mask {
+        self.active
+    }
+    #[inline(always)]
+    fn visit(&mut self, id: u32, m: Meeting<S>, doubts: &mut Vec<Doubt>) {
+        let may = m.may & !self.hi.lt(m.lo);
+        if may == 0 {
+            return;
+        }
+        let nearest = may & m.sure & m.hi.lt(self.lo);
+        self.lo = m.lo.select(nearest, self.lo);
+        self.hi = m.hi.select(nearest, self.hi);
+        S::put(&mut self.best, nearest & !m.inside, id);
+        if m.inside != 0 {
+            S::put(&mut self.best, nearest & m.inside, id | INSIDE);
+        }
+        let rest = may & !nearest;
+        if rest != 0 {
+            self.hi = m.hi.min(self.hi).select(rest & m.sure, self.hi);
+            push_doubts::<S>(id, rest, m.lo, doubts);
+        }
+    }
+}
+
+#[inline(never)]
+fn push(id: u32, mask: Mask, lo: &[f32; LANES], doubts: &mut Vec<Doubt>) {
+    for lane in lanes(mask) {
+        doubts.push(Doubt { lane: lane as u8, id, lo: lo[lane] });
+    }
+}
+
+#[inline(always)]
+fn push_doubts<S: Simd>(id: u32, mask: Mask, lo: S::Single, doubts: &mut Vec<Doubt>) {
+    let mut out = [0.0; LANES];
+    lo.store(&mut out);
+    push(id, mask, &out, doubts);
+}
+
+struct Blocked<S: Simd> {
+    active: Mask,
+    one: S::Single,
+}
+
+impl<S: Simd> Visit<S> for Blocked<S> {
+    #[inline(always)]
+    fn bound(&self) -> S::Single {
+        self.one
+    }
+    #[inline(always)]
+    fn active(&self) -> Mask {
+        self.active
+    }
+    #[inline(always)]
+    fn visit(&mut self, id: u32, m: Meeting<S>, doubts: &mut Vec<Doubt>) {
+        let may = m.may & self.active & !self.one.lt(m.lo);
+        if may == 0 {
+            return;
+        }
+        let blocked = may & m.sure & m.hi.lt(self.one);
+        self.active &= !blocked;
+        let rest = may & !blocked;
+        if rest != 0 {
+            push_doubts::<S>(id, rest, m.lo, doubts);
+        }
+    }
+}
+/// Finds what the packet's rays meet first: `out.best` where `out.doubts` names no candidate of the lane,
+/// else among both.
+#[inline(always)]
+pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packet, out: &mut Walk) {
+    let far = S::Single::splat(f32::INFINITY);
+    let mut visitor = Nearest::<S> { active: packet.active, lo: far, hi: far, best: [NONE; LANES] };
+    out.doubts.clear();
+    walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
+    out.best = visitor.best;
+    visitor.hi.store(&mut out.best_hi);
+    if !out.doubts.is_empty() {
+        out.prune();
+    }
+}
+
+/// Finds which of the packet's segments [0, 1] are surely blocked; of the others, `out.doubts` names what may block.
+#[inline(always)]
+pub(crate) fn blocked<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packet, out: &mut Walk) -> Mask {
+    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0) };
+    out.doubts.clear();
+    walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
+    let blocked = packet.active & !visitor.active;
+    out.doubts.retain(|d| blocked >> d.lane & 1 == 0);
+    blocked
+}
