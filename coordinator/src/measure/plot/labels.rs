@@ -94,7 +94,7 @@ impl Labels {
                 }
             }
         }
-        let Some((_, area)) = best.filter(|(cost, _)| label.needed || *cost < 60.0) else { return };
+        let Some((_, area)) = best.filter(|(cost, _)| label.needed || *cost < 70.0) else { return };
         self.taken.push(area);
         // Letters without descenders end a fifth of their size above the area's bottom.
         self.texts.push(Text { at: (area.left, area.bottom - 0.2 * size), anchor: Anchor::Start, ..label.text });
@@ -104,7 +104,9 @@ impl Labels {
     fn cost(&self, area: &Area) -> f64 {
         let covered: f64 = self.taken.iter().map(|t| area.overlap(t)).sum();
         let crossed = self.crossed.iter().filter(|p| area.holds(**p)).count();
-        4.0 * covered + 6.0 * crossed as f64
+        // Any place that covers nothing is better than one that covers a corner.
+        let touched = if covered > 0.0 { 40.0 } else { 0.0 };
+        touched + covered + 6.0 * crossed as f64
     }
 
     /// The names, placed.
