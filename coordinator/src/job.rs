@@ -4,14 +4,15 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use tessera_core::film::Region;
+use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::scene::Scene;
-use tessera_core::settings::Settings;
+use tessera_core::settings::{Settings, Tolerance};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_proto::{PixelFormat, Pixels};
 use worker::{Exact, Studio};
 
 use crate::farm::Timing;
+use crate::plan::Goal;
 
 /// The scene of a job.
 #[derive(Clone, Debug)]
@@ -75,6 +76,8 @@ pub struct RenderJob {
     pub workers: usize,
     /// Threads of all workers in this process together; each has at least one.
     pub threads: usize,
+    /// How good the picture is to be. Anything but [`Goal::AsSet`] needs adaptive sampling.
+    pub goal: Goal,
     /// How long to go on without any worker.
     pub patience: Duration,
     /// How long other things may take.
@@ -96,6 +99,7 @@ impl RenderJob {
             tile: TileSize::Auto,
             workers: 2,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
+            goal: Goal::AsSet,
             patience: Duration::from_secs(30),
             timing: Timing::default(),
             studio: Arc::new(Exact),
@@ -166,6 +170,14 @@ pub struct Rendered {
     pub tiles: u64,
     /// From the first lease to the last pixel stitched.
     pub trace: Duration,
+    /// How far the pixels are thought to be off; `None` under uniform sampling.
+    pub error: Option<ErrorEstimate>,
+    /// Within what the last pass was rendered, where it was adaptive.
+    pub tolerance: Option<Tolerance>,
+    /// Passes that the picture took, looks at parts of it included.
+    pub passes: u32,
+    /// Whether time was up before the goal was reached.
+    pub timed_out: bool,
 }
 
 impl Rendered {

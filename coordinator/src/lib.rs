@@ -2,9 +2,12 @@
 
 mod farm;
 mod job;
+pub mod measure;
+mod plan;
 pub mod povray;
 mod scheduler;
 
 pub use farm::{Farm, Timing, render};
 pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
+pub use plan::Goal;
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -94,6 +94,93 @@ pub enum Sampling {
         /// Grid cells along a pixel's edge, 1 to [`Sampling::MAX_GRID`].
         grid: u32,
     },
+    /// Pixels' corners, and more wherever the picture's edges and variation ask for it.
+    Adaptive {
+        /// When a part of a pixel is known well enough.
+        tolerance: Tolerance,
+    },
+}
+
+/// How large a part of a pixel's error may stay: the standard deviation of one edge crossing,
+/// one curve or one shaded patch, in billionths of full scale. A whole number, so that equal
+/// tolerances are equal everywhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Tolerance {
+    billionths: u32,
+}
+
+impl Tolerance {
+    /// The tightest tolerance.
+    pub const MIN: Self = Self { billionths: 1_000 };
+    /// The loosest.
+    pub const MAX: Self = Self { billionths: 4_000_000_000 };
+
+    /// The tolerance nearest to `fraction` of full scale, within [`Tolerance::MIN`] and [`Tolerance::MAX`].
+    #[must_use]
+    pub fn new(fraction: f64) -> Self {
+        // `as` saturates, and takes what is not a number for 0.
+        Self::from_billionths((fraction * 1e9).round() as u32)
+    }
+
+    /// The tolerance of so many billionths, within [`Tolerance::MIN`] and [`Tolerance::MAX`].
+    #[must_use]
+    pub fn from_billionths(billionths: u32) -> Self {
+        Self { billionths: billionths.clamp(Self::MIN.billionths, Self::MAX.billionths) }
+    }
+
+    /// In billionths of full scale.
+    #[must_use]
+    pub fn billionths(self) -> u32 {
+        self.billionths
+    }
+
+    /// As a fraction of full scale.
+    #[must_use]
+    pub fn fraction(self) -> f64 {
+        f64::from(self.billionths) * 1e-9
+    }
+}
+
+/// Named points on the curve of time against accuracy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Quality {
+    /// To see what is where.
+    Draft,
+    /// To judge it.
+    Preview,
+    /// To use it: nearly all pixels within 1/255.
+    #[default]
+    Final,
+    /// To hold others against it.
+    Reference,
+}
+
+impl Quality {
+    /// Every quality, the coarsest first.
+    pub const ALL: [Self; 4] = [Self::Draft, Self::Preview, Self::Final, Self::Reference];
+
+    /// The tolerance it stands for.
+    #[must_use]
+    pub fn tolerance(self) -> Tolerance {
+        let steps = match self {
+            Self::Draft => 6.0,
+            Self::Preview => 1.0,
+            Self::Final => 0.06,
+            Self::Reference => 0.01,
+        };
+        Tolerance::new(steps / 255.0)
+    }
+
+    /// What users call it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Preview => "preview",
+            Self::Final => "final",
+            Self::Reference => "reference",
+        }
+    }
 }
 
 impl Sampling {

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use bytes::Bytes;
-use tessera_core::film::Region;
-use tessera_core::settings::{Sampling, Settings, SettingsError, Transfer, View};
+use tessera_core::film::{ErrorEstimate, Region};
+use tessera_core::settings::{Sampling, Settings, SettingsError, Tolerance, Transfer, View};
 use tessera_core::trace::RayCounts;
 
 use crate::ids::{Attempt, InstanceId, LeaseId, Pass, SceneHash};
@@ -177,7 +177,10 @@ impl TryFrom<wire::Job> for Job {
 
 impl From<Settings> for wire::Settings {
     fn from(s: Settings) -> Self {
-        let Sampling::Uniform { grid } = s.sampling;
+        let (grid, tolerance) = match s.sampling {
+            Sampling::Uniform { grid } => (grid, 0),
+            Sampling::Adaptive { tolerance } => (0, tolerance.billionths()),
+        };
         Self {
             width: s.view.width(),
             height: s.view.height(),
@@ -185,6 +188,7 @@ impl From<Settings> for wire::Settings {
             plane_height: s.view.plane_height(),
             max_depth: s.max_depth,
             sample_grid: grid,
+            tolerance_billionths: tolerance,
             transfer: match s.transfer {
                 Transfer::Srgb => wire::Transfer::Srgb,
                 Transfer::Linear => wire::Transfer::Linear,
@@ -206,15 +210,26 @@ impl TryFrom<wire::Settings> for Settings {
         if s.max_depth == 0 {
             return Err(SettingsError::MaxDepth.into());
         }
-        if !(1..=Sampling::MAX_GRID).contains(&s.sample_grid) {
-            return Err(Malformed::Range("the sample grid"));
-        }
+        let sampling = match (s.sample_grid, tolerance(s.tolerance_billionths)?) {
+            (0, Some(tolerance)) => Sampling::Adaptive { tolerance },
+            (grid @ 1..=Sampling::MAX_GRID, None) => Sampling::Uniform { grid },
+            _ => return Err(Malformed::Range("the sample grid")),
+        };
         Ok(Self {
             view: View::new(s.width, s.height, s.zoom, s.plane_height)?,
             max_depth: s.max_depth,
-            sampling: Sampling::Uniform { grid: s.sample_grid },
+            sampling,
             transfer,
         })
+    }
+}
+
+/// A tolerance, 0 standing for none.
+fn tolerance(billionths: u32) -> Result<Option<Tolerance>, Malformed> {
+    match billionths {
+        0 => Ok(None),
+        n if Tolerance::from_billionths(n).billionths() == n => Ok(Some(Tolerance::from_billionths(n))),
+        _ => Err(Malformed::Range("a tolerance")),
     }
 }
 
@@ -266,11 +281,20 @@ pub struct Lease {
     pub region: Region,
     /// Which pass over them.
     pub pass: Pass,
+    /// Within what, where not as the settings say.
+    pub tolerance: Option<Tolerance>,
 }
 
 impl From<Lease> for wire::Lease {
     fn from(l: Lease) -> Self {
-        Self { lease: l.id.0, attempt: l.attempt.0, region: Some(l.region.into()), pass: l.pass.0 }
+        let tolerance_billionths = l.tolerance.map_or(0, Tolerance::billionths);
+        Self {
+            lease: l.id.0,
+            attempt: l.attempt.0,
+            region: Some(l.region.into()),
+            pass: l.pass.0,
+            tolerance_billionths,
+        }
     }
 }
 
@@ -283,6 +307,7 @@ impl TryFrom<wire::Lease> for Lease {
             attempt: Attempt(l.attempt),
             region: l.region.ok_or(Malformed::Missing("a region"))?.try_into()?,
             pass: Pass(l.pass),
+            tolerance: tolerance(l.tolerance_billionths)?,
         })
     }
 }
@@ -308,6 +333,28 @@ impl TryFrom<wire::RayCounts> for RayCounts {
     }
 }
 
+impl From<ErrorEstimate> for wire::ErrorEstimate {
+    fn from(e: ErrorEstimate) -> Self {
+        let ErrorEstimate { pixels, squares, weight_squares, depth_squares, worst } = e;
+        Self { pixels, squares, worst, weight_squares, depth_squares }
+    }
+}
+
+impl TryFrom<wire::ErrorEstimate> for ErrorEstimate {
+    type Error = Malformed;
+
+    fn try_from(e: wire::ErrorEstimate) -> Result<Self, Malformed> {
+        // A pixel's square is at most full scale's, and rounded up.
+        let most = e.pixels.checked_mul((1 << Self::SHIFT) + 1);
+        let wire::ErrorEstimate { pixels, squares, worst, weight_squares, depth_squares } = e;
+        let largest = squares.max(weight_squares).max(depth_squares);
+        if pixels > MAX_TILE_PIXELS || most.is_none_or(|most| largest > most) {
+            return Err(Malformed::Range("an error"));
+        }
+        Ok(Self { pixels, squares, weight_squares, depth_squares, worst })
+    }
+}
+
 /// A worker's delivery, whose pixels are not yet held against its lease.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileDone {
@@ -317,6 +364,8 @@ pub struct TileDone {
     pub attempt: Attempt,
     /// As they came.
     pub pixels: Bytes,
+    /// Their estimated errors.
+    pub error: ErrorEstimate,
     /// Rays of it.
     pub rays: RayCounts,
     /// Time spent on it.
@@ -339,6 +388,7 @@ impl TryFrom<wire::TileDone> for TileDone {
             lease: LeaseId(t.lease),
             attempt: Attempt(t.attempt),
             pixels: t.pixels,
+            error: t.error.map_or(Ok(ErrorEstimate::default()), TryInto::try_into)?,
             rays: t.rays.ok_or(Malformed::Missing("the rays"))?.try_into()?,
             busy: Duration::from_micros(t.busy_us),
             idle: Duration::from_micros(t.idle_us),
@@ -353,6 +403,7 @@ impl From<TileDone> for wire::TileDone {
             lease: t.lease.0,
             attempt: t.attempt.0,
             pixels: t.pixels,
+            error: (t.error.pixels > 0).then(|| t.error.into()),
             rays: Some(t.rays.into()),
             busy_us: micros(t.busy),
             idle_us: micros(t.idle),

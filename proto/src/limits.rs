@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Version of `farm.proto`.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// The program's version, equal on both sides.
 pub const BUILD: &str = env!("CARGO_PKG_VERSION");

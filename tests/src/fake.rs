@@ -47,6 +47,7 @@ pub fn done(lease: &Lease, bytes: usize) -> Say {
         rays: Some(RayCounts::default()),
         busy_us: 1000,
         idle_us: 0,
+        error: None,
     })
 }
 

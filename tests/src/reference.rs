@@ -37,7 +37,7 @@ struct Reference<'a> {
 
 impl Reference<'_> {
     fn pixel(&self, i: usize, j: usize) -> Rgb {
-        let Sampling::Uniform { grid: n } = self.settings.sampling;
+        let Sampling::Uniform { grid: n } = self.settings.sampling else { unimplemented!("samples uniformly only") };
         let view = &self.settings.view;
         let (w, h) = (f64::from(view.width()), f64::from(view.height()));
         let (plane_w, plane_h) = (view.plane_height() * w / h, view.plane_height());

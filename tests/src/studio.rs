@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 
-use tessera_core::film::{Region, Tile};
-use tessera_core::settings::Settings;
+use tessera_core::film::{ErrorEstimate, Region, Tile};
+use tessera_core::settings::{Settings, Tolerance};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use worker::{Exact, Studio, TileTracer};
 
@@ -28,7 +28,8 @@ impl Studio for Painted {
 impl TileTracer for Painted {
     fn render(&self, region: Region) -> (Tile, RayCounts) {
         let row = |y| (region.x0..region.x1).map(move |x| paint(x, y));
-        (Tile { region, pixels: (region.y0..region.y1).flat_map(row).collect() }, RayCounts::default())
+        let pixels = (region.y0..region.y1).flat_map(row).collect();
+        (Tile { region, pixels, error: ErrorEstimate::default() }, RayCounts::default())
     }
 }
 
@@ -116,12 +117,23 @@ impl Studio for Gate {
     }
 }
 
-impl TileTracer for Gated {
-    fn render(&self, region: Region) -> (Tile, RayCounts) {
+impl Gated {
+    fn wait(&self) {
         if self.1.passes.fetch_sub(1, Ordering::SeqCst) <= 0 {
             let open = self.1.open.lock().expect("nobody panics here");
             drop(self.1.opened.wait_while(open, |open| !*open).expect("nobody panics here"));
         }
+    }
+}
+
+impl TileTracer for Gated {
+    fn render(&self, region: Region) -> (Tile, RayCounts) {
+        self.wait();
         self.0.render(region)
+    }
+
+    fn render_within(&self, region: Region, tolerance: Tolerance) -> (Tile, RayCounts) {
+        self.wait();
+        self.0.render_within(region, tolerance)
     }
 }

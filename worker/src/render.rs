@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use rayon::ThreadPool;
-use tessera_core::film::{Tile, encode};
+use tessera_core::film::{ErrorEstimate, Tile, encode};
 use tessera_core::settings::Transfer;
 use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{Lease, TileDone, pixel_bytes};
 use tessera_proto::wire::{self, WorkerMessage, worker_message::Kind};
-use tessera_proto::{LeaseId, Pass, PixelFormat, Pixels};
+use tessera_proto::{LeaseId, PixelFormat, Pixels};
 use tokio::sync::mpsc;
 
 use crate::studio::TileTracer;
@@ -102,14 +102,14 @@ impl Inner {
                 (lease, start, idle)
             };
             let kind = match self.render(&lease) {
-                Ok((pixels, rays)) => {
+                Ok((pixels, error, rays)) => {
                     let pixels = pixel_bytes(&pixels);
                     let mut desk = self.desk();
                     let end = Instant::now();
                     let busy = end - start.max(desk.last_end).min(end);
                     desk.last_end = end;
                     drop(desk);
-                    let done = TileDone { lease: lease.id, attempt: lease.attempt, pixels, rays, busy, idle };
+                    let done = TileDone { lease: lease.id, attempt: lease.attempt, pixels, error, rays, busy, idle };
                     Kind::TileDone(done.into())
                 }
                 Err(cause) => Kind::TileFailed(wire::TileFailed { lease: lease.id.0, attempt: lease.attempt.0, cause }),
@@ -123,11 +123,12 @@ impl Inner {
         }
     }
 
-    fn render(&self, lease: &Lease) -> Result<(Pixels, RayCounts), String> {
-        if lease.pass != Pass(0) {
-            return Err(format!("pass {} is unknown", lease.pass.0));
-        }
-        let (tile, rays) = catch_unwind(AssertUnwindSafe(|| self.tracer.render(lease.region))).map_err(|panic| {
+    fn render(&self, lease: &Lease) -> Result<(Pixels, ErrorEstimate, RayCounts), String> {
+        let render = || match lease.tolerance {
+            Some(tolerance) => self.tracer.render_within(lease.region, tolerance),
+            None => self.tracer.render(lease.region),
+        };
+        let (tile, rays) = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
             let said = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
             let said = said.or_else(|| panic.downcast_ref::<String>().cloned());
             format!("the tracer stopped: {}", said.unwrap_or_default())
@@ -138,7 +139,8 @@ impl Inner {
         if !tile.pixels.as_flattened().iter().all(|c| c.is_finite()) {
             return Err("a pixel is not finite".into());
         }
-        Ok((self.encode(tile), rays))
+        let error = tile.error;
+        Ok((self.encode(tile), error, rays))
     }
 
     fn encode(&self, tile: Tile) -> Pixels {

@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use tessera_core::film::{Region, Tile};
-use tessera_core::settings::Settings;
+use tessera_core::settings::{Settings, Tolerance};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts, Tracer};
 
 /// Sets up tracers.
@@ -20,6 +20,11 @@ pub trait Studio: Send + Sync + fmt::Debug {
 pub trait TileTracer: Send + Sync {
     /// The pixels of `region`, on the calling rayon pool.
     fn render(&self, region: Region) -> (Tile, RayCounts);
+
+    /// The same within another tolerance than the settings'.
+    fn render_within(&self, region: Region, _tolerance: Tolerance) -> (Tile, RayCounts) {
+        self.render(region)
+    }
 }
 
 /// The project's tracer.
@@ -35,5 +40,9 @@ impl Studio for Exact {
 impl TileTracer for Tracer {
     fn render(&self, region: Region) -> (Tile, RayCounts) {
         Self::render(self, region)
+    }
+
+    fn render_within(&self, region: Region, tolerance: Tolerance) -> (Tile, RayCounts) {
+        Self::render_within(self, region, tolerance)
     }
 }

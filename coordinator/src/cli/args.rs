@@ -1,12 +1,13 @@
 //! The command line as it is written; [`super::options`] makes sense of it.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use tessera_core::film::Region;
-use tessera_core::settings::Transfer;
+use tessera_core::settings::{Quality, Transfer};
 
 const STYLES: Styles = Styles::styled()
     .header(AnsiColor::Green.on_default().bold())
@@ -21,7 +22,8 @@ const STYLES: Styles = Styles::styled()
     after_help = "Examples:\n  \
         coordinator render scene.xml                  scene.png, on this machine\n  \
         coordinator check scene.xml                   what is wrong with it, what is in it\n  \
-        coordinator compare a.png b.png --diff d.png  how far two pictures are apart\n\n\
+        coordinator compare a.png b.png --diff d.png  how far two pictures are apart\n  \
+        coordinator measure scene.xml                 what accuracy costs on this scene\n\n\
         'coordinator COMMAND --help' says more about each.",
 )]
 pub(crate) struct Args {
@@ -51,6 +53,9 @@ pub(crate) enum Command {
         coordinator compare a.png b.png --diff difference.png\n\n\
         Exit code: 0 within the tolerance, 1 beyond it or of another size, 2 a file cannot be read.")]
     Compare(Compare),
+    /// Measure what accuracy costs on a scene, and recommend a setting
+    #[command(after_help = super::measure::EXAMPLES, after_long_help = super::measure::MORE)]
+    Measure(Box<super::measure::Flags>),
     /// Print a script that completes this program's commands and flags in a shell
     #[command(after_help = "Examples:\n  \
         coordinator completions bash > ~/.local/share/bash-completion/completions/coordinator\n  \
@@ -63,7 +68,9 @@ pub(crate) enum Command {
 
 const RENDER_EXAMPLES: &str = "Examples:\n  \
     coordinator render scene.xml                            scene.png, 640x480, on this machine\n  \
-    coordinator render scene.xml -o big.png --size 1920x1080 --samples 16\n  \
+    coordinator render scene.xml -o big.png --size 1920x1080 --quality preview\n  \
+    coordinator render scene.xml --max-error 0.5            as good as that, no better\n  \
+    coordinator render scene.xml --time-limit 90s           as good as that time allows\n  \
     coordinator render scene.xml --region 300,200,400,300   look at one part\n  \
     coordinator render scene.xml --listen 0.0.0.0:4747      on workers elsewhere, each started by\n                                                          \
     worker --connect THIS-HOST:4747\n\n\
@@ -72,8 +79,14 @@ const RENDER_EXAMPLES: &str = "Examples:\n  \
 const RENDER_MORE: &str = "Examples:\n  \
     coordinator render scene.xml\n      \
         scene.png, 640x480, on this machine\n  \
-    coordinator render scene.xml -o big.png --size 1920x1080 --samples 16\n      \
-        a larger picture, each pixel the mean of 4x4 points\n  \
+    coordinator render scene.xml -o big.png --size 1920x1080 --quality preview\n      \
+        a larger picture, sooner\n  \
+    coordinator render scene.xml --max-error 0.5\n      \
+        with a root mean squared error of half an 8-bit step, and no better\n  \
+    coordinator render scene.xml --time-limit 90s\n      \
+        the best there is in a minute and a half, reading and writing included\n  \
+    coordinator render scene.xml --samples 16\n      \
+        each pixel the mean of 4x4 points\n  \
     coordinator render scene.xml -o part.png --size 1920x1080 --region 900,500,1000,600\n      \
         100x100 pixels of it, the same as in the whole\n  \
     coordinator render scene.xml -o radiance.exr --report report.json\n      \
@@ -88,6 +101,7 @@ const RENDER_MORE: &str = "Examples:\n  \
     2    the arguments make no sense, or the picture could not be written where it should\n  \
     3    the scene is not valid\n  \
     4    no worker came, or all were lost for good\n  \
+    5    time was up before --max-error was reached, or before the picture was whole; it is written\n  \
     130  interrupted; what was done is kept beside the target, as NAME.partial.png\n\n\
     A first Ctrl-C stops and keeps what is done, a second one leaves at once.";
 
@@ -123,9 +137,18 @@ pub(crate) struct Render {
     /// Rays in a path at most, the camera's included: 1 shows no reflections
     #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..), allow_hyphen_values = true, help_heading = "Accuracy")]
     pub(crate) max_depth: u32,
-    /// Points sampled in each pixel, a square number: 1, 4, 9, 16, … 4096
-    #[arg(long, value_name = "N", default_value = "1", allow_hyphen_values = true, help_heading = "Accuracy")]
-    pub(crate) samples: u64,
+    /// Adaptive sampling to a named accuracy: draft to see what is where, preview to judge it, final to use it, reference to hold others against it
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["max_error", "time_limit", "samples"], help_heading = "Accuracy")]
+    pub(crate) quality: Option<QualityArg>,
+    /// Root mean squared error to aim at: in 8-bit steps (0.5), or as a fraction of full scale (1/510)
+    #[arg(long, value_name = "E", value_parser = target, allow_hyphen_values = true, conflicts_with = "samples", help_heading = "Accuracy")]
+    pub(crate) max_error: Option<f64>,
+    /// The best picture in this time, from start to written file: 90s, 1.5m, 2h, 500ms; with --max-error, no better than that
+    #[arg(long, value_name = "D", value_parser = duration, allow_hyphen_values = true, conflicts_with = "samples", help_heading = "Accuracy")]
+    pub(crate) time_limit: Option<Duration>,
+    /// As many points in every pixel: a square number, 1, 4, 9, 16, … 4096 [default: 1, unless another accuracy is asked for]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, help_heading = "Accuracy")]
+    pub(crate) samples: Option<u64>,
 
     /// Workers started inside this process [default: 2; with --listen, 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256), allow_hyphen_values = true, help_heading = "Farm")]
@@ -197,6 +220,30 @@ impl From<TransferArg> for Transfer {
     }
 }
 
+/// Points on the curve of time against accuracy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum QualityArg {
+    /// To see what is where
+    Draft,
+    /// To judge it: errors of about an 8-bit step along edges
+    Preview,
+    /// To use it: 99.9 % of pixels within one 8-bit step
+    Final,
+    /// To hold others against it
+    Reference,
+}
+
+impl From<QualityArg> for Quality {
+    fn from(arg: QualityArg) -> Self {
+        match arg {
+            QualityArg::Draft => Self::Draft,
+            QualityArg::Preview => Self::Preview,
+            QualityArg::Final => Self::Final,
+            QualityArg::Reference => Self::Reference,
+        }
+    }
+}
+
 /// Ways to show progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressArg {
@@ -219,7 +266,7 @@ pub(crate) enum TileArg {
     Edge(u32),
 }
 
-fn size(text: &str) -> Result<(u32, u32), String> {
+pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     let wrong = || "expected WIDTHxHEIGHT in pixels, such as 640x480".to_string();
     let (w, h) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
     let edge = |t: &str| match t.trim().parse::<u64>() {
@@ -255,6 +302,41 @@ fn tile(text: &str) -> Result<TileArg, String> {
     }
 }
 
+/// A duration of at least a millisecond and at most a year: numbers with units, added up; seconds without one.
+pub(super) fn duration(text: &str) -> Result<Duration, String> {
+    let wrong = || "expected a time, such as 90s, 1.5m, 1h30m or 500ms".to_string();
+    let mut rest = text.trim();
+    let mut seconds = 0.0;
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
+        let number: f64 = rest[..digits].parse().map_err(|_| wrong())?;
+        rest = &rest[digits..];
+        let letters = rest.find(|c: char| !c.is_ascii_alphabetic()).unwrap_or(rest.len());
+        seconds += number
+            * match &rest[..letters] {
+                "ms" => 1e-3,
+                "" | "s" => 1.0,
+                "m" | "min" => 60.0,
+                "h" => 3600.0,
+                _ => return Err(wrong()),
+            };
+        rest = &rest[letters..];
+    }
+    if (1e-3..=366.0 * 86_400.0).contains(&seconds) {
+        Ok(Duration::from_secs_f64(seconds))
+    } else {
+        Err("a time limit is between a millisecond and a year".into())
+    }
+}
+
+/// An error to aim at, in 8-bit steps.
+pub(super) fn target(text: &str) -> Result<f64, String> {
+    match tolerance(text)? {
+        e if e > 0.0 => Ok(e),
+        _ => Err("an error to aim at must be above 0; '--quality reference' goes as far as is sensible".into()),
+    }
+}
+
 /// An error in 8-bit steps, written as that or as a fraction of full scale.
 fn tolerance(text: &str) -> Result<f64, String> {
     let wrong = || "expected 8-bit steps, such as 0.5, or a fraction of full scale, such as 1/510".to_string();
@@ -283,8 +365,21 @@ mod tests {
     fn tolerances_are_steps_or_fractions() {
         assert_eq!(tolerance("0.5"), Ok(0.5));
         assert_eq!(tolerance("1/510"), Ok(0.5));
+        assert_eq!(target("1/510"), Ok(0.5));
+        assert!(target("0").is_err_and(|e| e.contains("above 0")) && target("-1").is_err());
         for bad in ["", "-1", "1/0", "0/0", "x", "1/2/3", "inf", "NaN"] {
             assert!(tolerance(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn times_have_units() {
+        let seconds = |text: &str| duration(text).map(|d| d.as_secs_f64());
+        for (text, s) in [("90s", 90.0), ("1.5m", 90.0), ("1h30m", 5400.0), ("250ms", 0.25), ("2", 2.0)] {
+            assert_eq!(seconds(text), Ok(s), "{text}");
+        }
+        for bad in ["", "0", "-1s", "5d", "s", "1..5s", "1e9h", "NaN", "inf"] {
+            assert!(duration(bad).is_err(), "{bad}");
         }
     }
 

@@ -2,11 +2,12 @@
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use coordinator::{ListenAddr, PixelFormat, TileSize};
 use tessera_core::film::Region;
 use tessera_core::film::file::{Depth, Output};
-use tessera_core::settings::{Sampling, Settings, View};
+use tessera_core::settings::{Quality, Sampling, Settings, View};
 
 use super::args::{ProgressArg, Render, TileArg};
 use super::exit::{Exit, Failure};
@@ -20,6 +21,7 @@ pub(crate) struct Options {
     pub(crate) scene: PathBuf,
     pub(crate) output: Output,
     pub(crate) settings: Settings,
+    pub(crate) accuracy: Accuracy,
     pub(crate) region: Region,
     pub(crate) pixels: PixelFormat,
     pub(crate) tile: TileSize,
@@ -30,6 +32,21 @@ pub(crate) struct Options {
     pub(crate) progress: ProgressArg,
     /// What was asked for and will have no effect.
     pub(crate) notes: Vec<String>,
+}
+
+/// What was asked for in place of a number of samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Accuracy {
+    /// Nothing: samples were.
+    Samples,
+    Quality(Quality),
+    /// A fraction of full scale.
+    Error(f64),
+    /// From the program's start, and an error that is enough.
+    Time {
+        limit: Duration,
+        error: Option<f64>,
+    },
 }
 
 /// Where the report goes.
@@ -45,7 +62,17 @@ impl Options {
     pub(crate) fn new(raw: Render) -> Result<Self, Failure> {
         let (width, height) = raw.size;
         let view = View::new(width, height, raw.zoom, raw.plane_height).map_err(Failure::usage)?;
-        let sampling = Sampling::uniform(raw.samples).map_err(Failure::usage)?;
+        let quality = raw.quality.map(Quality::from);
+        let accuracy = match (quality, raw.max_error, raw.time_limit) {
+            (Some(quality), ..) => Accuracy::Quality(quality),
+            (None, None, None) => Accuracy::Samples,
+            (None, Some(steps), None) => Accuracy::Error(steps / 255.0),
+            (None, steps, Some(limit)) => Accuracy::Time { limit, error: steps.map(|s| s / 255.0) },
+        };
+        let sampling = match accuracy {
+            Accuracy::Samples => Sampling::uniform(raw.samples.unwrap_or(1)).map_err(Failure::usage)?,
+            _ => Sampling::Adaptive { tolerance: quality.unwrap_or_default().tolerance() },
+        };
         let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
         let whole = Region { x0: 0, y0: 0, x1: width, y1: height };
         let region = raw.region.unwrap_or(whole);
@@ -86,6 +113,7 @@ impl Options {
             scene: raw.scene,
             output,
             settings,
+            accuracy,
             region,
             pixels,
             tile: match raw.tile {

@@ -2,9 +2,9 @@
 
 use std::future::Future;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use coordinator::{Farm, Pixels, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use coordinator::{Farm, Goal, Pixels, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
 use tessera_core::film::PixelsRef;
 use tessera_core::film::file::{Output, write_text};
 use tessera_core::trace::PreparedScene;
@@ -16,7 +16,7 @@ use super::args::{ProgressArg, Render};
 use super::console::Console;
 use super::describe::Description;
 use super::exit::{Exit, Failure};
-use super::options::{Options, ReportTo, resolve};
+use super::options::{Accuracy, Options, ReportTo, resolve};
 use super::report::{Phases, Report};
 use super::{progress, scene, signals};
 
@@ -26,12 +26,17 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
     for note in &options.notes {
         console.warning(note);
     }
+    on_runtime(options.threads, render(Arc::new(options), console, began))
+}
+
+/// Runs `work` to its end, on a new runtime.
+pub(super) fn on_runtime<T>(threads: usize, work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
     let internal = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, format!("cannot start threads: {e}"));
     // Reading and building keep to the threads the user allows, as rendering does.
-    rayon::ThreadPoolBuilder::new().num_threads(options.threads).build_global().map_err(|e| internal(&e))?;
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(|e| internal(&e))?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(|e| internal(&e))?;
-    let done = runtime.block_on(render(Arc::new(options), console, began));
+    let done = runtime.block_on(work);
     // What may still run (a scene half read when a signal came) is not waited for.
     runtime.shutdown_background();
     done
@@ -66,6 +71,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
         tile: options.tile,
         workers: options.workers,
         threads: options.threads,
+        goal: goal(&options, began),
         ..RenderJob::new(source, options.settings)
     };
     let (tell, watched) = watch::channel(Progress::default());
@@ -90,13 +96,17 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     let summary = summary(&output, &rendered, began);
     match unfinished {
         None => {
+            let missed = missed(&options, &rendered);
             match options.progress {
                 ProgressArg::None => {}
                 // Whoever reads the lines of JSON reads them to the end.
                 ProgressArg::Json => console.say(&progress::done_json(output.path(), began.elapsed())),
                 _ => console.say(&summary),
             }
-            Ok(Exit::Done)
+            match missed {
+                Some(why) => Err(Failure::new(Exit::TimeUp, why)),
+                None => Ok(Exit::Done),
+            }
         }
         Some(error) => {
             let mut failure = failure(&error);
@@ -104,6 +114,32 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
             Err(failure)
         }
     }
+}
+
+/// The farm's goal. Writing the picture takes its share of a time limit.
+fn goal(options: &Options, began: Instant) -> Goal {
+    match options.accuracy {
+        Accuracy::Samples | Accuracy::Quality(_) => Goal::AsSet,
+        Accuracy::Error(error) => Goal::Error(error),
+        Accuracy::Time { limit, error } => {
+            let writing = Duration::from_millis(20) + Duration::from_nanos(80 * options.region.area());
+            Goal::Time { limit: limit.saturating_sub(began.elapsed() + writing), error }
+        }
+    }
+}
+
+/// What time did not suffice for.
+fn missed(options: &Options, rendered: &Rendered) -> Option<String> {
+    let Accuracy::Time { limit, error } = options.accuracy else { return None };
+    let limit = progress::duration(limit);
+    if !rendered.is_complete() {
+        return Some(format!("time was up after {limit} before the picture was whole: what is missing is black"));
+    }
+    let (wanted, got) = (error?, rendered.error?.rmse());
+    (got > wanted).then(|| {
+        let (wanted, got) = (255.0 * wanted, 255.0 * got);
+        format!("time was up after {limit}: the error is about {got:.2} 8-bit steps, not {wanted:.2}")
+    })
 }
 
 /// Listens before anything is read, so that a port in use costs no time.
@@ -130,14 +166,14 @@ async fn bind(options: &Options, console: &Console) -> Result<Farm, Failure> {
 }
 
 /// Runs `work` off the async threads.
-async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
+pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
     tokio::task::spawn_blocking(work)
         .await
         .map_err(|e| Failure::new(Exit::Failed, format!("internal error: {e}; please report it")))
 }
 
 /// What `work` gives, unless a signal comes first.
-async fn unless_stopped<T>(stop: &CancellationToken, work: impl Future<Output = T>) -> Result<T, Failure> {
+pub(super) async fn unless_stopped<T>(stop: &CancellationToken, work: impl Future<Output = T>) -> Result<T, Failure> {
     tokio::select! {
         done = work => Ok(done),
         () = stop.cancelled() => Err(Failure::new(Exit::Interrupted, "interrupted before anything was rendered")),
@@ -185,8 +221,12 @@ fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
         let done: u64 = rendered.done.iter().map(|r| r.area()).sum();
         format!(", {:.0} % of it", 100.0 * done as f64 / rendered.region.area() as f64)
     };
+    let error = rendered.error.map_or_else(String::new, |e| {
+        let (rmse, worst) = (255.0 * e.rmse(), 255.0 * e.worst_pixel());
+        format!(", error about {rmse:.2} 8-bit steps (RMSE), {worst:.1} in the worst pixel")
+    });
     format!(
-        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s",
+        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s{error}",
         output.path().display(),
         rendered.region.width(),
         rendered.region.height(),
@@ -196,7 +236,7 @@ fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
 }
 
 /// How `error` ends the program.
-fn failure(error: &RenderError) -> Failure {
+pub(super) fn failure(error: &RenderError) -> Failure {
     let exit = match error {
         RenderError::NoWorkers { .. } => Exit::NoWorkers,
         RenderError::Prepare(_) | RenderError::Region(_) => Exit::Usage,

@@ -9,7 +9,7 @@ use tessera_core::settings::{Sampling, Transfer};
 use tessera_core::trace::RayCounts;
 
 use super::describe::Description;
-use super::options::Options;
+use super::options::{Accuracy as Wanted, Options};
 
 /// Wall-clock time by phase.
 #[derive(Clone, Copy, Debug, Default)]
@@ -58,14 +58,73 @@ struct Rays {
     per_second: f64,
 }
 
-/// What is known of the picture's error.
+/// What is known of the picture's error. Errors are fractions of full scale.
 #[derive(Debug, Serialize)]
 struct Accuracy {
     method: &'static str,
-    samples_per_pixel: u32,
-    max_depth: u32,
+    samples_per_pixel: Option<u32>,
+    quality: Option<&'static str>,
     target: Option<f64>,
+    time_limit: Option<f64>,
+    timed_out: bool,
+    target_met: Option<bool>,
+    /// What one part of a pixel's error may be.
+    tolerance: Option<f64>,
+    passes: u32,
     estimated_rmse: Option<f64>,
+    estimated_rmse_8bit_steps: Option<f64>,
+    estimated_worst_pixel: Option<f64>,
+    /// Sum of the pixels' expected squared errors.
+    estimated_squares: Option<f64>,
+    parts: Option<Parts>,
+    max_depth: u32,
+}
+
+/// The part that each approximation has in the error, as root mean squares.
+#[derive(Debug, Serialize)]
+struct Parts {
+    /// Of where samples are.
+    samples_rmse: f64,
+    /// Of paths not followed because they carry too little.
+    weight_rmse: f64,
+    /// Not in the estimate: a bound on what lies deeper than the greatest depth.
+    depth_bound: f64,
+}
+
+impl Accuracy {
+    fn new(options: &Options, rendered: &Rendered) -> Self {
+        let (error, rmse) = (rendered.error, rendered.error.map(|e| e.rmse()));
+        let (quality, target, time_limit) = match options.accuracy {
+            Wanted::Samples => (None, None, None),
+            Wanted::Quality(q) => (Some(q.name()), None, None),
+            Wanted::Error(e) => (None, Some(e), None),
+            Wanted::Time { limit, error } => (None, error, Some(limit.as_secs_f64())),
+        };
+        Self {
+            method: if rendered.tolerance.is_some() { "adaptive" } else { "uniform" },
+            samples_per_pixel: match options.settings.sampling {
+                Sampling::Uniform { grid } => Some(grid * grid),
+                Sampling::Adaptive { .. } => None,
+            },
+            quality,
+            target,
+            time_limit,
+            timed_out: rendered.timed_out,
+            target_met: target.zip(rmse).map(|(target, rmse)| rmse <= target),
+            tolerance: rendered.tolerance.map(|t| t.fraction()),
+            passes: rendered.passes,
+            estimated_rmse: rmse,
+            estimated_rmse_8bit_steps: rmse.map(|e| 255.0 * e),
+            estimated_worst_pixel: error.map(|e| e.worst_pixel()),
+            parts: error.map(|e| Parts {
+                samples_rmse: e.samples_rmse(),
+                weight_rmse: e.weight_rmse(),
+                depth_bound: e.depth_bound(),
+            }),
+            estimated_squares: error.map(|e| e.rmse() * e.rmse() * e.pixels as f64),
+            max_depth: options.settings.max_depth,
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -89,7 +148,7 @@ struct SettingsReport {
     zoom: f64,
     plane_height: f64,
     max_depth: u32,
-    samples: u32,
+    samples: Option<u32>,
     transfer: &'static str,
     bits: Option<u8>,
     tile: Option<u32>,
@@ -147,7 +206,6 @@ impl<'a> Report<'a> {
         phases: &Phases,
         total: Duration,
     ) -> Self {
-        let Sampling::Uniform { grid } = options.settings.sampling;
         let view = options.settings.view;
         let Region { x0, y0, x1, y1 } = options.region;
         Self {
@@ -167,13 +225,7 @@ impl<'a> Report<'a> {
                 total: total.as_secs_f64(),
             },
             rays: Rays::new(&rendered.rays, rendered.trace),
-            accuracy: Accuracy {
-                method: "uniform",
-                samples_per_pixel: grid * grid,
-                max_depth: options.settings.max_depth,
-                target: None,
-                estimated_rmse: None,
-            },
+            accuracy: Accuracy::new(options, rendered),
             tiles: rendered.tiles,
             workers: rendered.workers.iter().map(Worker::new).collect(),
             scene,
@@ -184,7 +236,10 @@ impl<'a> Report<'a> {
                 zoom: view.zoom(),
                 plane_height: view.plane_height(),
                 max_depth: options.settings.max_depth,
-                samples: grid * grid,
+                samples: match options.settings.sampling {
+                    Sampling::Uniform { grid } => Some(grid * grid),
+                    Sampling::Adaptive { .. } => None,
+                },
                 transfer: transfer_name(options.settings.transfer),
                 bits: options.output.depth().map(|d| d.bits()),
                 tile: match options.tile {

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use bytes::Bytes;
-use tessera_core::film::Region;
+use tessera_core::film::{ErrorEstimate, Region};
+use tessera_core::settings::Tolerance;
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
@@ -17,8 +17,10 @@ use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
 use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
+use super::stitch::Stitch;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
+use crate::plan::{Outcome, Plan, Step};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
 
 /// Workers that may register in one render, reconnections of the same one not counted.
@@ -36,14 +38,65 @@ struct Seat {
     place: usize,
 }
 
+/// The passes so far.
+#[derive(Default)]
+pub(super) struct Passing {
+    /// The pass at hand.
+    at_hand: Outcome,
+    began: Duration,
+    kept: bool,
+    /// Of the last whole picture.
+    picture: Outcome,
+    /// Passes begun, and passes of those that are in the picture as a whole.
+    pub(super) begun: u32,
+    pub(super) whole: u32,
+    pub(super) tolerance: Option<Tolerance>,
+    /// Whether time was up before the plan was done.
+    pub(super) timed_out: bool,
+}
+
+impl Passing {
+    /// The estimate of the picture as it is: what the pass at hand has not replaced is as it was before.
+    pub(super) fn error(&self) -> ErrorEstimate {
+        let (old, new) = (&self.picture, &self.at_hand);
+        if !self.kept || new.error.pixels == 0 || old.error.pixels <= new.error.pixels {
+            return if self.whole > 0 { old.error } else { new.error };
+        }
+        let mut sum = new.error;
+        for (region, error) in &old.tiles {
+            let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
+            let left = region.area() - covered.min(region.area());
+            if left > 0 {
+                let share = |squares: u64| (u128::from(squares) * u128::from(left) / u128::from(region.area())) as u64;
+                sum += ErrorEstimate {
+                    pixels: left,
+                    squares: share(error.squares),
+                    weight_squares: share(error.weight_squares),
+                    depth_squares: share(error.depth_squares),
+                    worst: error.worst,
+                };
+            }
+        }
+        sum
+    }
+}
+
+/// Pixels that two regions share.
+fn common(a: &Region, b: &Region) -> u64 {
+    let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| u64::from(a1.min(b1).saturating_sub(a0.max(b0)));
+    overlap(a.x0, a.x1, b.x0, b.x1) * overlap(a.y0, a.y1, b.y0, b.y1)
+}
+
 /// See the [module](self).
 pub(super) struct Driver {
     scheduler: Scheduler,
     door: Arc<Door>,
     heard: mpsc::Receiver<Heard>,
-    tiles: mpsc::Sender<(Region, Bytes)>,
+    tiles: mpsc::Sender<Stitch>,
     progress: watch::Sender<Progress>,
     start: Instant,
+    plan: Plan,
+    pass: Passing,
     timing: Timing,
     seats: BTreeMap<WorkerKey, Seat>,
     places: HashMap<InstanceId, usize>,
@@ -58,12 +111,15 @@ impl Driver {
         scheduler: Scheduler,
         door: Arc<Door>,
         heard: mpsc::Receiver<Heard>,
-        tiles: mpsc::Sender<(Region, Bytes)>,
+        tiles: mpsc::Sender<Stitch>,
         progress: watch::Sender<Progress>,
+        plan: Plan,
         (start, timing): (Instant, Timing),
     ) -> Self {
         Self {
             scheduler,
+            plan,
+            pass: Passing::default(),
             door,
             heard,
             tiles,
@@ -79,12 +135,20 @@ impl Driver {
     }
 
     /// Renders until the end, and dismisses the workers. Also says when the end was.
-    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant) {
+    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passing) {
+        let first = self.plan.first();
+        self.begin(first);
+        // Far off where there is none.
+        let limit = self.plan.limit().unwrap_or(Duration::from_secs(1 << 32));
         let end = loop {
             let wake = self.start + self.scheduler.wake_at();
             let end = tokio::select! {
                 biased;
                 () = cancel.cancelled() => break Err(RenderError::Cancelled),
+                () = sleep_until(self.start + limit) => {
+                    self.pass.timed_out = true;
+                    break Ok(());
+                }
                 heard = self.heard.recv() => match heard {
                     Some(heard) => self.hear(heard).await,
                     None => break Err(RenderError::Internal("nobody listens".into())),
@@ -97,7 +161,47 @@ impl Driver {
         };
         let ended = Instant::now();
         self.dismiss().await;
-        (end, ended)
+        (end, ended, self.pass)
+    }
+
+    /// Begins a pass.
+    fn begin(&mut self, step: Step) {
+        let pixels = step.regions.iter().map(Region::area).sum::<u64>();
+        self.pass.begun += 1;
+        self.pass.kept = step.kept;
+        self.pass.began = self.start.elapsed();
+        self.pass.at_hand = Outcome::default();
+        if step.kept {
+            self.pass.tolerance = step.tolerance;
+        }
+        self.progress.send_modify(|p| {
+            (p.tiles_done, p.pixels_done) = (0, 0);
+            p.pixels_total = if pixels > 0 { pixels } else { self.plan.area() };
+        });
+        if self.pass.begun == 1 {
+            self.scheduler.begin_first(step.tolerance, step.regions);
+        } else {
+            self.scheduler.begin(step.tolerance, step.regions, step.dearer);
+        }
+    }
+
+    /// Ends a pass. Gives the end of the render where it was the last one.
+    fn passed(&mut self) -> Option<Result<(), RenderError>> {
+        let now = self.start.elapsed();
+        let mut outcome = std::mem::take(&mut self.pass.at_hand);
+        (outcome.took, outcome.now) = (now.saturating_sub(self.pass.began), now);
+        let next = self.plan.next(&outcome);
+        if self.pass.kept {
+            self.pass.whole += 1;
+            self.pass.picture = outcome;
+        }
+        match next {
+            Some(step) => {
+                self.begin(step);
+                None
+            }
+            None => Some(Ok(())),
+        }
     }
 
     async fn hear(&mut self, heard: Heard) -> Option<Result<(), RenderError>> {
@@ -140,12 +244,29 @@ impl Driver {
         {
             return self.tell(Event::Broke { worker, rule: e.to_string() }, None).await;
         }
+        if let Some(region) = self.scheduler.region_of(worker, done.lease)
+            && ![0, region.area()].contains(&done.error.pixels)
+        {
+            let rule = format!("it estimated the error of {} pixels out of {}", done.error.pixels, region.area());
+            return self.tell(Event::Broke { worker, rule }, None).await;
+        }
         let TileDone { lease, attempt, busy, idle, .. } = done;
         self.tell(Event::Done { worker, lease, attempt, busy, idle }, Some(done)).await
     }
 
-    /// Tells the scheduler, and does what it asks for. `done` is the tile at hand.
+    /// Tells the scheduler, and does what it asks for, from pass to pass. `done` is the tile at hand.
     async fn tell(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
+        match self.tell_once(event, done).await {
+            Some(Ok(())) => match self.passed() {
+                // Nothing is done at once, so that this goes no deeper.
+                None => self.tell_once(Event::Tick, None).await,
+                end => end,
+            },
+            end => end,
+        }
+    }
+
+    async fn tell_once(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
         let mut effects = Vec::new();
         let teller = event.worker();
         self.scheduler.handle(event, self.start.elapsed(), &mut effects);
@@ -164,8 +285,16 @@ impl Driver {
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
                     self.count(worker, region, done);
+                    self.pass.at_hand.error += done.error;
+                    if self.plan.wants_tiles() {
+                        self.pass.at_hand.tiles.push((region, done.error));
+                    }
+                    if !self.pass.kept {
+                        continue;
+                    }
+                    let stitch = Stitch { region, pixels: done.pixels.clone(), first: self.pass.whole == 0 };
                     // Waits where stitching is slower than the farm; so, then, do the workers.
-                    if self.tiles.send((region, done.pixels.clone())).await.is_err() {
+                    if self.tiles.send(stitch).await.is_err() {
                         end = Some(Err(RenderError::Internal("the stitcher stopped".into())));
                     }
                 }
@@ -346,7 +475,8 @@ impl Driver {
         });
         let mut waiting: Vec<WorkerKey> = self.seats.keys().copied().collect();
         // A worker leaves when it has heard; its stream must stay open until then.
-        let deadline = Instant::now() + GOODBYE_WITHIN;
+        // Nobody waits for tiles that come too late.
+        let deadline = Instant::now() + if self.pass.timed_out { Duration::from_millis(10) } else { GOODBYE_WITHIN };
         while !waiting.is_empty() {
             match timeout_at(deadline, self.heard.recv()).await {
                 Ok(Some(Heard::Left { worker, .. })) => waiting.retain(|w| *w != worker),

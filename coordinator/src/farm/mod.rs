@@ -22,6 +22,7 @@ use tonic::transport::Server;
 use worker::{LocalScene, TileTracer};
 
 use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use crate::plan::Plan;
 use crate::scheduler::{self, Scheduler};
 use driver::Driver;
 use service::{Door, Service};
@@ -115,11 +116,15 @@ impl Farm {
 
         let local = tracer.map(|tracer| LocalScene { secret: door.secret, tracer });
         let workers = local.map(|local| start_workers(&job, self.addr, &local, &closing));
-        let Sampling::Uniform { grid } = job.settings.sampling;
+        let samples = match job.settings.sampling {
+            Sampling::Uniform { grid } => grid * grid,
+            // Corners, and as much again along edges.
+            Sampling::Adaptive { .. } => 2,
+        };
         let scheduler = Scheduler::new(scheduler::Config {
             region: job.region,
             tile: job.tile,
-            samples: grid * grid,
+            samples,
             expected: job.workers,
             patience: job.patience,
             suspect_after: job.timing.suspect_after,
@@ -127,15 +132,32 @@ impl Farm {
             prepare_within: job.timing.prepare_within,
         });
         let (tiles, stitcher) = stitch::start(job.region, job.pixels);
-        let driver = Driver::new(scheduler, door, heard, tiles, progress.clone(), (start, job.timing));
-        let (ended, end) = driver.run(&cancel).await;
+        let plan = Plan::new(job.goal, job.region);
+        let driver = Driver::new(scheduler, door, heard, tiles, progress.clone(), plan, (start, job.timing));
+        let (ended, end, passing) = driver.run(&cancel).await;
         let stitched = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
         let Stitched { image, done } = stitched.ok_or_else(|| RenderError::Memory(job.region.area()))?;
         drop((server, workers));
 
         let p = progress.borrow().clone();
         let (tiles, trace) = (done.len() as u64, end - start);
-        let rendered = Rendered { region: job.region, image, done, rays: p.rays, workers: p.workers, tiles, trace };
+        let error = passing.error();
+        let rendered = Rendered {
+            region: job.region,
+            image,
+            done,
+            rays: p.rays,
+            workers: p.workers,
+            tiles,
+            trace,
+            error: (error.pixels > 0).then_some(error),
+            tolerance: passing.tolerance.or(match job.settings.sampling {
+                Sampling::Adaptive { tolerance } => Some(tolerance),
+                Sampling::Uniform { .. } => None,
+            }),
+            passes: passing.begun,
+            timed_out: passing.timed_out,
+        };
         match ended {
             Ok(()) => Ok(rendered),
             Err(error) => Err(Unfinished { error, partial: Some(Box::new(rendered)) }),

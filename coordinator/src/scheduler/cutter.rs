@@ -45,6 +45,14 @@ impl Cutter {
         Self { whole, grid, cell, halving, next_cell: 0, spare: Vec::new(), pixels_left: whole.area() }
     }
 
+    /// Of disjoint regions, the first to be given out first.
+    pub(super) fn of(whole: Region, mut regions: Vec<Region>, tile: TileSize) -> Self {
+        regions.reverse();
+        let pixels_left = regions.iter().map(Region::area).sum();
+        let halving = tile == TileSize::Auto;
+        Self { whole, grid: (0, 0), cell: (1, 1), halving, next_cell: 0, spare: regions, pixels_left }
+    }
+
     /// Pixels not given out.
     pub(super) fn pixels_left(&self) -> u64 {
         self.pixels_left
@@ -79,6 +87,9 @@ impl Cutter {
 
     fn cell_at(&mut self, index: u64) -> Option<Region> {
         let columns = u64::from(self.grid.0);
+        if columns == 0 {
+            return None;
+        }
         let (column, row) = ((index % columns) as u32, u32::try_from(index / columns).ok()?);
         if row >= self.grid.1 {
             return None;

@@ -52,6 +52,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use tessera_core::film::Region;
+use tessera_core::settings::Tolerance;
 use tessera_proto::convert::Lease;
 use tessera_proto::{Attempt, InstanceId, LeaseId, Pass};
 
@@ -132,6 +133,11 @@ pub(crate) struct Scheduler {
     workers: BTreeMap<WorkerKey, Worker>,
     next_tile: u64,
     next_lease: u64,
+    pass: Pass,
+    /// Of the pass at hand, where it has its own.
+    tolerance: Option<Tolerance>,
+    /// Pixels of the pass at hand.
+    pixels: u64,
     pixels_done: u64,
     tiles_done: u64,
     now: Duration,
@@ -150,7 +156,6 @@ impl Scheduler {
     pub(crate) fn new(config: Config) -> Self {
         let cutter = Cutter::new(config.region, config.tile);
         Self {
-            config,
             cutter,
             tiles: BTreeMap::new(),
             waiting: VecDeque::new(),
@@ -158,6 +163,9 @@ impl Scheduler {
             workers: BTreeMap::new(),
             next_tile: 0,
             next_lease: 1,
+            pass: Pass(0),
+            tolerance: None,
+            pixels: config.region.area(),
             pixels_done: 0,
             tiles_done: 0,
             now: Duration::ZERO,
@@ -166,7 +174,33 @@ impl Scheduler {
             deserted_since: Some(Duration::ZERO),
             ever: false,
             ended: false,
+            config,
         }
+    }
+
+    /// Goes on after [`End::Complete`] with another pass, over disjoint `regions`, in their
+    /// order, or over the whole region where there are none. Pixels are expected to cost
+    /// `dearer` times as much as in the pass before.
+    pub(crate) fn begin(&mut self, tolerance: Option<Tolerance>, regions: Vec<Region>, dearer: f64) {
+        self.ended = false;
+        self.pass = Pass(self.pass.0 + 1);
+        self.tolerance = tolerance;
+        (self.cutter, self.pixels) = if regions.is_empty() {
+            (Cutter::new(self.config.region, self.config.tile), self.config.region.area())
+        } else {
+            let pixels = regions.iter().map(Region::area).sum();
+            (Cutter::of(self.config.region, regions, self.config.tile), pixels)
+        };
+        (self.pixels_done, self.tiles_done) = (0, 0);
+        for w in self.workers.values_mut() {
+            w.rate = w.rate.map(|rate| rate / dearer.max(0.01));
+        }
+    }
+
+    /// Begins with `tolerance` and over `regions` instead of as the settings say.
+    pub(crate) fn begin_first(&mut self, tolerance: Option<Tolerance>, regions: Vec<Region>) {
+        self.begin(tolerance, regions, 1.0);
+        self.pass = Pass(0);
     }
 
     /// The region of a lease that `worker` holds and that is still wanted.
@@ -326,7 +360,7 @@ impl Scheduler {
         self.pixels_done += area;
         self.tiles_done += 1;
         effects.push(Effect::Accept { worker, region: tile.region });
-        if self.pixels_done == self.config.region.area() {
+        if self.pixels_done == self.pixels {
             self.end(End::Complete, effects);
         }
     }
@@ -445,7 +479,7 @@ impl Scheduler {
         tile.leases.push(lease);
         w.leases.push_back(lease);
         self.open.insert(lease, Open { worker, tile: id, attempt, granted: self.now });
-        let lease = Lease { id: lease, attempt, region: tile.region, pass: tile.pass };
+        let lease = Lease { id: lease, attempt, region: tile.region, pass: tile.pass, tolerance: self.tolerance };
         effects.push(Effect::Grant { worker, lease });
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Effect, LONGEST, MAX_COPIES, Pass, SHORTEST, Scheduler, Tile, WorkerKey};
+use super::{Effect, LONGEST, MAX_COPIES, SHORTEST, Scheduler, Tile, WorkerKey};
 
 /// Pixels that one thread is given while nothing is measured, at one sample a pixel.
 const PROBE: f64 = 4096.0;
@@ -50,7 +50,7 @@ impl Scheduler {
         let region = self.cutter.take(self.area_for(worker))?;
         let id = self.next_tile;
         self.next_tile += 1;
-        let tile = Tile { region, pass: Pass(0), leases: Vec::new(), attempts: 0, strikes: Vec::new() };
+        let tile = Tile { region, pass: self.pass, leases: Vec::new(), attempts: 0, strikes: Vec::new() };
         self.tiles.insert(id, tile);
         Some(id)
     }

@@ -10,8 +10,9 @@ mod packet;
 mod path;
 mod prepared;
 mod query;
+pub(crate) mod record;
 mod shade;
-mod texture;
+pub(crate) mod texture;
 mod wave;
 
 use std::sync::Arc;
@@ -24,15 +25,20 @@ pub use condition::Condition;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::transfer::to_linear;
-use crate::film::{Region, Tile};
+use crate::film::{ErrorEstimate, Region, Tile};
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
+use crate::sampling::small::Marks;
+use crate::sampling::{adaptive, store};
 use crate::scene::{PictureId, Pigment};
-use crate::settings::{Sampling, Settings};
+use crate::settings::{Sampling, Settings, Tolerance};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
+pub(crate) use path::{PathScratch, mix};
+use record::{Recording, Records, Want};
 use texture::{Mapping, Texels};
-use wave::{Wave, WaveScratch};
+use wave::Wave;
+pub(crate) use wave::WaveScratch;
 
 /// Rays traced, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -83,21 +89,22 @@ pub enum PrepareError {
 
 /// What one point of the image plane shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub(crate) struct Sample {
     /// Linear, unclamped radiance.
-    pub radiance: DVec3,
-    /// A hash of everything discrete along the path: objects met, sides struck, lights seen.
-    /// Between two points of equal signature, radiance varies smoothly or a feature lies hidden.
-    pub signature: u64,
+    pub(crate) radiance: DVec3,
+}
+
+impl Sample {
+    const BLANK: Self = Self { radiance: DVec3::ZERO };
 }
 
 /// A surface under a transfer: linear colour times diffuse, and what it mirrors.
 #[derive(Clone, Copy, Debug)]
-struct Material {
+pub(crate) struct Material {
     /// Diffuse share times the linear colour; for a pictured surface the share alone.
-    albedo: DVec3,
+    pub(crate) albedo: DVec3,
     reflect: f64,
-    pigment: Pigment,
+    pub(crate) pigment: Pigment,
 }
 
 /// Traces pixels of one picture: a prepared scene under fixed settings.
@@ -113,6 +120,8 @@ pub struct Tracer {
     mappings: Vec<Mapping>,
     /// Whether any surface mirrors.
     mirrors: bool,
+    /// What could fall between pixel corners; for adaptive sampling only.
+    marks: Marks,
     level: Level,
     refinement: Refinement,
 }
@@ -129,7 +138,10 @@ impl Tracer {
         if settings.max_depth == 0 {
             return Err(PrepareError::MaxDepth);
         }
-        let Sampling::Uniform { grid } = settings.sampling;
+        let grid = match settings.sampling {
+            Sampling::Uniform { grid } => grid,
+            Sampling::Adaptive { .. } => store::GRID,
+        };
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
         let materials: Vec<Material> = scene
@@ -143,9 +155,10 @@ impl Tracer {
                 Material { albedo: color * s.diffuse, reflect: s.reflect, pigment: s.pigment }
             })
             .collect();
-        Ok(Self {
+        let mut tracer = Self {
             settings,
             grid,
+            marks: Marks::default(),
             mirrors: materials.iter().any(|m| m.reflect > 0.0),
             level: Level::best(),
             refinement: Refinement::On,
@@ -155,7 +168,37 @@ impl Tracer {
             texels: scene.pictures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
             mappings: texture::mappings(&scene, &prepared.local),
             prepared,
-        })
+        };
+        if let Sampling::Adaptive { .. } = settings.sampling {
+            tracer.marks = Marks::new(&tracer);
+        }
+        Ok(tracer)
+    }
+
+    /// The lights, in local space.
+    pub(crate) fn lights(&self) -> &[DVec3] {
+        &self.prepared.local.lights
+    }
+
+    /// A bound on the largest component of radiance along any ray; infinite where mirrors keep everything.
+    pub(crate) fn brightest(&self) -> f64 {
+        let lights = self.lights().len() as f64;
+        let sent = |m: &Material| m.albedo.max_element() * lights;
+        let most = self.materials.iter().map(sent).fold(self.background.max_element(), f64::max);
+        let reflect = self.materials.iter().map(|m| m.reflect).fold(0.0, f64::max);
+        most / (1.0 - reflect).max(0.0)
+    }
+
+    pub(crate) fn marks(&self) -> &Marks {
+        &self.marks
+    }
+
+    pub(crate) fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    pub(crate) fn prepared(&self) -> &PreparedScene {
+        &self.prepared
     }
 
     /// The settings.
@@ -172,6 +215,9 @@ impl Tracer {
     pub fn render(&self, region: Region) -> (Tile, RayCounts) {
         let view = &self.settings.view;
         assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
+        if let Sampling::Adaptive { tolerance } = self.settings.sampling {
+            return self.render_within(region, tolerance);
+        }
         let blocks = region.blocks(BLOCK);
         let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
             .into_par_iter()
@@ -192,7 +238,37 @@ impl Tracer {
                 pixels[start..start + width].copy_from_slice(line);
             }
         }
-        (Tile { region, pixels }, counts)
+        (Tile { region, pixels, error: ErrorEstimate::default() }, counts)
+    }
+
+    /// Renders the pixels of `region` adaptively within `tolerance`, in parallel on the calling
+    /// rayon pool. The settings' own tolerance does not count; under uniform sampling the
+    /// result is that of [`Tracer::render`].
+    ///
+    /// # Panics
+    /// When `region` reaches outside the picture.
+    #[must_use]
+    pub fn render_within(&self, region: Region, tolerance: Tolerance) -> (Tile, RayCounts) {
+        let (tile, _, counts) = self.render_estimated(region, tolerance);
+        (tile, counts)
+    }
+
+    /// [`Tracer::render_within`], with the standard deviation of every pixel's error as a
+    /// fraction of full scale; none under uniform sampling.
+    ///
+    /// # Panics
+    /// When `region` reaches outside the picture.
+    #[must_use]
+    pub fn render_estimated(&self, region: Region, tolerance: Tolerance) -> (Tile, Vec<f32>, RayCounts) {
+        let view = &self.settings.view;
+        assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
+        match self.settings.sampling {
+            Sampling::Adaptive { .. } => adaptive::render(self, region, tolerance.fraction()),
+            Sampling::Uniform { .. } => {
+                let (tile, counts) = self.render(region);
+                (tile, Vec::new(), counts)
+            }
+        }
     }
 
     /// The same tracer by other instructions; every level gives the same bits.
@@ -213,39 +289,40 @@ impl Tracer {
         Self { refinement, ..self }
     }
 
-    /// What each of `points` shows, in their order; units are 1/(2·grid) pixel of the settings' sampling.
-    /// Sequential: callers spread work over threads. Neighbours in the list had better be
-    /// neighbours in the plane.
-    #[must_use]
-    pub fn samples(&self, points: &[PlanePoint]) -> (Vec<Sample>, RayCounts) {
-        let (mut scratch, mut counts) = (WaveScratch::default(), RayCounts::default());
-        let mut out = vec![Sample { radiance: DVec3::ZERO, signature: 0 }; points.len()];
-        self.trace(points, true, &mut out, &mut scratch, &mut counts);
-        (out, counts)
+    /// Records the paths through `points`, each as far as its want goes and its weight is not
+    /// below `least`; units are 1/(2·grid) pixel. Sequential: callers spread work over threads.
+    /// Neighbours in the list had better be neighbours in the plane.
+    pub(crate) fn record(
+        &self,
+        points: &[PlanePoint],
+        wants: &[Want],
+        least: f64,
+        records: &mut Records,
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
+        let mut out = [Sample::BLANK; wave::PATHS];
+        for (points, wants) in points.chunks(wave::PATHS).zip(wants.chunks(wave::PATHS)) {
+            let (record, out) = (Some(Recording::new(wants, records, least)), &mut out[..points.len()]);
+            dispatch(self.level, Wave { tracer: self, points, record, out, scratch, counts });
+        }
     }
 
     /// What `id` does with light.
-    fn material(&self, id: ObjectId) -> &Material {
+    pub(crate) fn material(&self, id: ObjectId) -> &Material {
         &self.materials[self.prepared.surface_of(id).0 as usize]
     }
 
     /// The colour at (u, v) of a picture that lies on `id`.
-    fn picture_color(&self, picture: PictureId, uv: DVec2, id: ObjectId) -> DVec3 {
+    pub(crate) fn picture_color(&self, picture: PictureId, uv: DVec2, id: ObjectId) -> DVec3 {
         let scene = &self.prepared.scene;
         let at = picture.0 as usize;
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
-    fn trace(
-        &self,
-        points: &[PlanePoint],
-        signatures: bool,
-        out: &mut [Sample],
-        scratch: &mut WaveScratch,
-        counts: &mut RayCounts,
-    ) {
+    fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            let wave = Wave { tracer: self, points, signatures, out, scratch: &mut *scratch, counts: &mut *counts };
+            let wave = Wave { tracer: self, points, record: None, out, scratch: &mut *scratch, counts: &mut *counts };
             dispatch(self.level, wave);
         }
     }
@@ -257,8 +334,8 @@ impl Tracer {
         points.clear();
         packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
         samples.clear();
-        samples.resize(points.len(), Sample { radiance: DVec3::ZERO, signature: 0 });
-        self.trace(points, false, samples, wave, counts);
+        samples.resize(points.len(), Sample::BLANK);
+        self.trace(points, samples, wave, counts);
         ordered.resize(points.len(), DVec3::ZERO);
         let mut done = samples.iter();
         packets(width, height, |x, y| {

@@ -5,10 +5,13 @@ use glam::DVec3;
 use super::arbiter::Decision;
 use super::camera::PlanePoint;
 use super::court::{Case, Court, Refined};
+use super::packet::{INSIDE, NONE};
 use super::query::{Closest, Occluded, Scratch};
+use super::record::Recording;
 use super::shade::{self, Place};
 use super::texture;
 use super::{RayCounts, Refinement, Sample, Tracer};
+use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
@@ -30,8 +33,17 @@ pub(crate) struct PathScratch {
 }
 
 impl Tracer {
-    /// What is seen through `point`.
-    pub(crate) fn sample(&self, point: PlanePoint, scratch: &mut PathScratch, counts: &mut RayCounts) -> Sample {
+    /// What is seen through `point`; recorded as the path given with `record`.
+    pub(crate) fn sample(
+        &self,
+        point: PlanePoint,
+        scratch: &mut PathScratch,
+        counts: &mut RayCounts,
+        mut record: Option<(&mut Recording<'_>, usize)>,
+    ) -> Sample {
+        if let Some((record, path)) = &mut record {
+            record.restart(*path);
+        }
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
@@ -41,7 +53,6 @@ impl Tracer {
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
         let mut sum = DVec3::ZERO;
-        let mut signature = 0;
         counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
             let case = Case { tracer: self, point, trail };
@@ -56,9 +67,12 @@ impl Tracer {
             };
             let Some(decision) = decision else {
                 counts.unresolved += u64::from(court.unresolved());
-                return Sample { radiance: sum + self.background * throughput, signature: mix(signature, u64::MAX) };
+                let background = self.background * throughput;
+                if let Some((record, path)) = &mut record {
+                    record.meet(*path, NONE, (DVec3::ZERO, DVec3::ZERO), background);
+                }
+                return Sample { radiance: sum + background };
             };
-            signature = mix(signature, u64::from(decision.id.0) << 1 | u64::from(decision.inside));
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
             let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
@@ -86,6 +100,10 @@ impl Tracer {
                 counts.refined += 1;
                 place = refined.place;
             }
+            if let Some((record, path)) = &mut record {
+                let code = decision.id.0 | if decision.inside { INSIDE } else { 0 };
+                record.meet(*path, code, (place.p.to_dvec3(), place.n.to_dvec3()), color * throughput);
+            }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
@@ -96,6 +114,9 @@ impl Tracer {
                         _ => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
+                        continue;
+                    }
+                    if record.as_ref().is_some_and(|(r, path)| !r.want(*path).looks_for(depth, k as u32)) {
                         continue;
                     }
                     counts.shadow += 1;
@@ -112,13 +133,31 @@ impl Tracer {
                     };
                     if !blocked {
                         cosines.push(cosine);
-                        signature ^= mix(signature | 1, k as u64 + 1).rotate_left(depth);
+                        if let Some((record, path)) = &mut record {
+                            record.see(*path, k);
+                        }
                     }
                 }
                 let lit: f64 = cosines.iter().sum();
-                sum += color * (throughput * lit);
+                let direct = color * (throughput * lit);
+                sum += direct;
+                if let Some((record, path)) = &mut record {
+                    record.add(*path, direct);
+                }
             }
             throughput *= material.reflect;
+            if throughput == 0.0 {
+                break;
+            }
+            if let Some((record, path)) = &mut record {
+                if depth == self.settings.max_depth || throughput < record.least {
+                    record.lose(*path, throughput);
+                    break;
+                }
+                if !record.want(*path).goes_beyond(depth) {
+                    break;
+                }
+            }
             if !goes_on {
                 break;
             }
@@ -131,7 +170,26 @@ impl Tracer {
             from = Some(decision);
         }
         counts.unresolved += u64::from(court.unresolved());
-        Sample { radiance: sum, signature }
+        Sample { radiance: sum }
+    }
+
+    /// Where on its picture `object` is seen through `point`, which sees it.
+    pub(crate) fn picture_coordinates(&self, object: u32, point: PlanePoint) -> glam::DVec2 {
+        let (scene, local) = (&self.prepared.scene, &self.prepared.local);
+        let id = ObjectId(object);
+        let inside = match kind(scene, id) {
+            Kind::Sphere(i) => local.spheres[i].c.dot(local.spheres[i].c) < local.spheres[i].r * local.spheres[i].r,
+            _ => false,
+        };
+        let (ray, met) = (self.frame.ray(point), Decision { id, inside });
+        texture::coordinates(scene, local, &self.mappings, met, &self.place(&ray, met, None), &ray).0
+    }
+
+    /// The point that `ray` meets first and its normal there, as far as f64 tells.
+    pub(crate) fn surface_along(&self, ray: &Ray, scratch: &mut PathScratch) -> Option<(DVec3, DVec3)> {
+        let Closest::Sure(met) = self.prepared.closest(ray, None, &mut scratch.query) else { return None };
+        let place = self.place(ray, met, None);
+        Some((place.p.to_dvec3(), place.n.to_dvec3()))
     }
 
     /// Where `ray` meets what it is known to meet, in f64.

@@ -115,7 +115,7 @@ impl<'a> Oracle<'a> {
     }
 
     fn pixel(&self, frame: &Frame, settings: &Settings, i: usize, j: usize) -> (Rgb, Decisions) {
-        let Sampling::Uniform { grid } = settings.sampling;
+        let Sampling::Uniform { grid } = settings.sampling else { unimplemented!("samples uniformly only") };
         let n = grid as usize;
         let mut decisions = Decisions::default();
         let mut sum = [0.0; 3];
@@ -256,7 +256,7 @@ struct Frame {
 
 impl Frame {
     fn new(scene: &Scene, settings: &Settings, bits: usize) -> Self {
-        let Sampling::Uniform { grid } = settings.sampling;
+        let Sampling::Uniform { grid } = settings.sampling else { unimplemented!("samples uniformly only") };
         let (view, camera) = (&settings.view, scene.camera());
         let [location, sky, look_at] =
             [camera.location(), camera.sky(), camera.look_at()].map(|v| Vector::exact(v, bits));

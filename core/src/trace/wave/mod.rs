@@ -16,7 +16,8 @@ use paths::{Paths, decision};
 use super::camera::PlanePoint;
 use super::filter::Filter;
 use super::packet::{self, INSIDE, NONE, Packet, U32, Walk};
-use super::path::{PathScratch, mix};
+use super::path::PathScratch;
+use super::record::Recording;
 use super::shade::{self, Place};
 use super::texture;
 use super::{RayCounts, Refinement, Sample, Tracer};
@@ -66,8 +67,8 @@ pub(crate) struct Wave<'a> {
     pub(crate) tracer: &'a Tracer,
     /// At most [`PATHS`].
     pub(crate) points: &'a [PlanePoint],
-    /// Whether samples' signatures are wanted.
-    pub(crate) signatures: bool,
+    /// Where paths are recorded, if they are.
+    pub(crate) record: Option<Recording<'a>>,
     pub(crate) out: &'a mut [Sample],
     pub(crate) scratch: &'a mut WaveScratch,
     pub(crate) counts: &'a mut RayCounts,
@@ -88,7 +89,7 @@ impl Kernel for Wave<'_> {
             v.clear();
             v.resize(n, 0);
         }
-        self.out.fill(Sample { radiance: DVec3::ZERO, signature: 0 });
+        self.out.fill(Sample::BLANK);
         let mut paths = Paths {
             tracer: self.tracer,
             points: self.points,
@@ -101,7 +102,7 @@ impl Kernel for Wave<'_> {
             refined_places: Vec::new(),
             refined: 0,
             step: 0,
-            signatures: self.signatures,
+            record: self.record,
         };
         let stage = Stage { tracer: self.tracer, filter, wide };
         stage.camera::<S>(self.points, rays);
@@ -115,11 +116,12 @@ impl Kernel for Wave<'_> {
             places.reset(rays.len().next_multiple_of(LANES));
             stage.closest::<S>(rays, places, packet, walk, &mut paths);
             stage.places::<S>(rays, places, kinds, &mut paths);
+            stage.record(rays, places, &mut paths);
             stage.light::<S>(rays, places, shadows, packet, walk, &mut paths);
             stage.gather(rays, places, &mut paths);
             next.clear();
-            if depth < max_depth && self.tracer.mirrors {
-                stage.reflect::<S>(rays, places, next, &mut paths);
+            if self.tracer.mirrors && (depth < max_depth || paths.record.is_some()) {
+                stage.reflect::<S>(rays, places, next, &mut paths, depth < max_depth);
             }
             std::mem::swap(rays, next);
         }
@@ -130,19 +132,20 @@ impl Kernel for Wave<'_> {
         self.counts.mirror += paths.mirrors.iter().map(|&n| u64::from(n)).sum::<u64>();
         self.counts.shadow += paths.shadows.iter().map(|&n| u64::from(n)).sum::<u64>();
         // Rays are left only where a wave keeps fewer steps than the paths may have.
+        let mut record = paths.record;
         for &k in &rays.path {
             let k = k as usize;
             self.counts.camera -= 1;
             self.counts.unresolved -= u64::from(unresolved.get(k).is_some_and(|u| *u));
             self.counts.mirror -= u64::from(mirrors[k]);
             self.counts.shadow -= u64::from(shadow_counts[k]);
-            self.out[k] = self.tracer.sample(self.points[k], path, self.counts);
+            self.out[k] = self.tracer.sample(self.points[k], path, self.counts, record.as_mut().map(|r| (r, k)));
         }
     }
 
-    fn run_scalar(self) {
-        for (p, out) in self.points.iter().zip(self.out) {
-            *out = self.tracer.sample(*p, &mut self.scratch.path, self.counts);
+    fn run_scalar(mut self) {
+        for (k, (p, out)) in self.points.iter().zip(self.out).enumerate() {
+            *out = self.tracer.sample(*p, &mut self.scratch.path, self.counts, self.record.as_mut().map(|r| (r, k)));
         }
     }
 }
@@ -265,16 +268,10 @@ impl Stage<'_> {
             let seen = &mut paths.out[rays.path[i] as usize];
             if id == NONE {
                 seen.radiance += tracer.background * rays.throughput[i];
-                if paths.signatures {
-                    seen.signature = mix(seen.signature, u64::MAX);
-                }
                 continue;
             }
             let bare = id & !INSIDE;
             kinds[usize::from(bare >= planes) + usize::from(bare >= spheres)].push(i as u32);
-            if paths.signatures {
-                seen.signature = mix(seen.signature, u64::from(bare) << 1 | u64::from(id & INSIDE != 0));
-            }
         }
         for (which, list) in kinds.iter().enumerate() {
             for at in list.chunks(8) {
@@ -407,6 +404,23 @@ impl Stage<'_> {
         fine.then(|| tracer.picture_color(picture, uv, met.id))
     }
 
+    /// Records what each ray met.
+    fn record(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
+        let Some(record) = &mut paths.record else { return };
+        for i in 0..rays.len() {
+            let throughput = rays.throughput[i];
+            if places.met[i] == NONE {
+                let nowhere = (DVec3::ZERO, DVec3::ZERO);
+                record.meet(rays.path[i] as usize, NONE, nowhere, self.tracer.background * throughput);
+                continue;
+            }
+            let place = places.one(i);
+            let albedo = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
+            let at = (place.p.to_dvec3(), place.n.to_dvec3());
+            record.meet(rays.path[i] as usize, places.met[i], at, albedo * throughput);
+        }
+    }
+
     /// Adds up the light that reaches each place.
     #[inline(always)]
     fn light<S: Simd>(
@@ -438,6 +452,13 @@ impl Stage<'_> {
                         lit = lit & !(1 << lane) | u8::from(cosines[lane] > 0.0) << lane;
                     }
                     if lit >> lane & 1 == 0 || places.met[i] == NONE {
+                        continue;
+                    }
+                    if paths
+                        .record
+                        .as_ref()
+                        .is_some_and(|r| !r.want(rays.path[i] as usize).looks_for(paths.step as u32 + 1, k as u32))
+                    {
                         continue;
                     }
                     if places.albedo[0][i] != 0.0 || places.albedo[1][i] != 0.0 || places.albedo[2][i] != 0.0 {
@@ -478,9 +499,8 @@ impl Stage<'_> {
                     if blocked >> lane & 1 == 0 {
                         let i = i as usize;
                         places.lit[i] += shadows.cosine[first + lane];
-                        if paths.signatures {
-                            let signature = &mut paths.out[rays.path[i] as usize].signature;
-                            *signature ^= mix(*signature | 1, k as u64 + 1).rotate_left(paths.step as u32 + 1);
+                        if let Some(r) = &mut paths.record {
+                            r.see(rays.path[i] as usize, k);
                         }
                     }
                 }
@@ -496,14 +516,18 @@ impl Stage<'_> {
             }
             let color = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
             if color != DVec3::ZERO {
-                paths.out[rays.path[i] as usize].radiance += color * (rays.throughput[i] * places.lit[i]);
+                let direct = color * (rays.throughput[i] * places.lit[i]);
+                paths.out[rays.path[i] as usize].radiance += direct;
+                if let Some(r) = &mut paths.record {
+                    r.add(rays.path[i] as usize, direct);
+                }
             }
         }
     }
 
-    /// The mirrored rays of all places that mirror.
+    /// The mirrored rays of all places that mirror, lost unless the path goes `deeper`.
     #[inline(always)]
-    fn reflect<S: Simd>(&self, rays: &Rays, places: &Places, next: &mut Rays, paths: &mut Paths) {
+    fn reflect<S: Simd>(&self, rays: &Rays, places: &Places, next: &mut Rays, paths: &mut Paths, deeper: bool) {
         let n = rays.len();
         if paths.trails.len() <= paths.step {
             paths.trails.push(Vec::new());
@@ -527,6 +551,15 @@ impl Stage<'_> {
                 let throughput = rays.throughput[i] * places.reflect[i];
                 if throughput == 0.0 || places.met[i] == NONE {
                     continue;
+                }
+                if let Some(r) = &mut paths.record {
+                    if !deeper || throughput < r.least {
+                        r.lose(path, throughput);
+                        continue;
+                    }
+                    if !r.want(path).goes_beyond(step as u32 + 1) {
+                        continue;
+                    }
                 }
                 paths.mirrors[path] += 1;
                 let (mut d, mut ed) = ([lanes[0][lane], lanes[1][lane], lanes[2][lane]], lanes[3][lane]);

@@ -7,13 +7,14 @@ use crate::trace::camera::PlanePoint;
 use crate::trace::court::{Case, Court, Refined};
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
+use crate::trace::record::Recording;
 use crate::trace::shade;
 use crate::trace::{Refinement, Sample, Tracer};
 
 use super::lanes::{Places, Rays};
 
 /// The paths of one wave.
-pub(super) struct Paths<'a> {
+pub(super) struct Paths<'a, 'r> {
     pub(super) tracer: &'a Tracer,
     pub(super) points: &'a [PlanePoint],
     pub(super) out: &'a mut [Sample],
@@ -30,10 +31,11 @@ pub(super) struct Paths<'a> {
     pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
-    pub(super) signatures: bool,
+    /// Where paths are recorded, if they are.
+    pub(super) record: Option<Recording<'r>>,
 }
 
-impl Paths<'_> {
+impl Paths<'_, '_> {
     /// Puts a question about `path` to its court, with what that path met before this step.
     fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Court, &Case<'_>) -> A) -> A {
         self.refined += 1;

@@ -1,0 +1,279 @@
+//! Which passes over the picture lead to the accuracy asked for, as a pure state machine.
+//!
+//! A pass renders regions within a tolerance. What it gives depends on the scene, the settings
+//! and the tolerance alone; the next tolerance follows from the estimates of the passes
+//! before. Towards an error no clock is read, so that the picture is the same wherever and by
+//! however many it was rendered.
+
+use std::time::Duration;
+
+use tessera_core::film::{ErrorEstimate, Region};
+use tessera_core::settings::Tolerance;
+
+/// How good a picture is to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Goal {
+    /// As the settings' sampling says.
+    #[default]
+    AsSet,
+    /// Adaptive, with about this root mean squared error, as a fraction of full scale.
+    Error(f64),
+    /// Adaptive, the best there is when time is up, or this error if it is reached before.
+    Time {
+        /// From the beginning of the render.
+        limit: Duration,
+        /// The error that is enough.
+        error: Option<f64>,
+    },
+}
+
+/// A pass to be rendered.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Step {
+    /// Within what; `None` as the settings say.
+    pub(crate) tolerance: Option<Tolerance>,
+    /// Over what, the most rewarding first; the whole picture where empty.
+    pub(crate) regions: Vec<Region>,
+    /// Whether its pixels belong into the picture.
+    pub(crate) kept: bool,
+    /// How many times as dear a pixel is expected to be as in the pass before.
+    pub(crate) dearer: f64,
+}
+
+/// What a pass gave.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Outcome {
+    /// The estimate over all of it.
+    pub(crate) error: ErrorEstimate,
+    /// Tiles and their estimates, where the goal is one of time.
+    pub(crate) tiles: Vec<(Region, ErrorEstimate)>,
+    /// How long it took.
+    pub(crate) took: Duration,
+    /// Since the render began.
+    pub(crate) now: Duration,
+}
+
+/// Edge of the blocks that are looked at first towards an error.
+const SPOT: u32 = 32;
+/// One of so many blocks is looked at, and at least [`SPOTS`].
+const ONE_IN: usize = 32;
+const SPOTS: usize = 24;
+/// Looks at the spots, at most.
+const LOOKS: u32 = 4;
+/// The share of the error asked for that is aimed at: estimates err.
+const AIM: f64 = 0.8;
+/// Errors fall with the tolerance to about this power, over the scenes measured.
+const ERROR_POWER: f64 = 0.85;
+/// Time rises with the inverse of the tolerance to about this power.
+const TIME_POWER: f64 = 0.6;
+/// The tolerance of the first picture under a time limit.
+const FIRST: f64 = 8.0 / 255.0;
+/// The share of the time left that the next pass is to take.
+const SHARE: f64 = 0.4;
+
+/// See the [module](self).
+#[derive(Debug)]
+pub(crate) struct Plan {
+    goal: Goal,
+    region: Region,
+    tolerance: Tolerance,
+    looks: u32,
+    whole: u32,
+}
+
+impl Plan {
+    pub(crate) fn new(goal: Goal, region: Region) -> Self {
+        Self { goal, region, tolerance: Tolerance::new(FIRST), looks: 0, whole: 0 }
+    }
+
+    /// The first pass.
+    pub(crate) fn first(&mut self) -> Step {
+        match self.goal {
+            Goal::AsSet => Step { tolerance: None, regions: Vec::new(), kept: true, dearer: 1.0 },
+            Goal::Error(error) => {
+                self.tolerance = Tolerance::new(1.5 * error);
+                self.look()
+            }
+            Goal::Time { .. } => self.render(self.tolerance, Vec::new()),
+        }
+    }
+
+    /// The pass after the one that gave `outcome`; `None` when the picture is done.
+    pub(crate) fn next(&mut self, outcome: &Outcome) -> Option<Step> {
+        match self.goal {
+            Goal::AsSet => None,
+            Goal::Error(error) => self.towards(error, outcome),
+            Goal::Time { limit, error } => {
+                if error.is_some_and(|e| outcome.error.rmse() <= e) || self.tolerance == Tolerance::MIN {
+                    return None;
+                }
+                let left = limit.saturating_sub(outcome.now).as_secs_f64();
+                if left <= 0.0 {
+                    return None;
+                }
+                let times = (left * SHARE / outcome.took.as_secs_f64().max(1e-4)).max(1.0);
+                let mut finer = libm::pow(times, 1.0 / TIME_POWER).clamp(1.5, 16.0);
+                if let Some(e) = error {
+                    // No finer than the error asked for needs.
+                    finer = finer.min(libm::pow(outcome.error.rmse() / (AIM * e), 1.0 / ERROR_POWER).max(1.1));
+                }
+                let tolerance = Tolerance::new(self.tolerance.fraction() / finer);
+                let mut tiles = outcome.tiles.clone();
+                // Where most is to be gained first; the order of equals is that of the picture.
+                let gain = |(r, e): &(Region, ErrorEstimate)| e.squares as f64 / r.area() as f64;
+                tiles.sort_by(|a, b| gain(b).total_cmp(&gain(a)).then(a.0.cmp(&b.0)));
+                Some(self.render(tolerance, tiles.into_iter().map(|(r, _)| r).collect()))
+            }
+        }
+    }
+
+    fn towards(&mut self, error: f64, outcome: &Outcome) -> Option<Step> {
+        let (got, aim) = (outcome.error.rmse(), AIM * error);
+        let ratio = if got > 0.0 { (aim / got).clamp(0.02, 50.0) } else { 50.0 };
+        let better = |power: f64, t: Tolerance| Tolerance::new(t.fraction() * libm::pow(ratio, power));
+        if self.whole == 0 {
+            let next = better(1.0 / ERROR_POWER, self.tolerance);
+            let close = (0.8..=1.2).contains(&ratio);
+            if close || self.looks == LOOKS || next == self.tolerance {
+                let tolerance = if close { self.tolerance } else { next };
+                return Some(self.render(tolerance, Vec::new()));
+            }
+            self.tolerance = next;
+            return Some(self.look());
+        }
+        // What was looked at was too easy: once more, finer.
+        if got > error && self.whole < 3 && self.tolerance > Tolerance::MIN {
+            let next = better(1.2 / ERROR_POWER, self.tolerance);
+            return Some(self.render(next, Vec::new()));
+        }
+        None
+    }
+
+    /// Pixels of the picture.
+    pub(crate) fn area(&self) -> u64 {
+        self.region.area()
+    }
+
+    /// Whether tiles are to be remembered one by one.
+    pub(crate) fn wants_tiles(&self) -> bool {
+        matches!(self.goal, Goal::Time { .. })
+    }
+
+    /// When time is up, since the render began.
+    pub(crate) fn limit(&self) -> Option<Duration> {
+        match self.goal {
+            Goal::Time { limit, .. } => Some(limit),
+            _ => None,
+        }
+    }
+
+    /// Renders for the picture.
+    fn render(&mut self, tolerance: Tolerance, regions: Vec<Region>) -> Step {
+        let dearer = libm::pow(self.tolerance.fraction() / tolerance.fraction(), TIME_POWER);
+        self.tolerance = tolerance;
+        self.whole += 1;
+        Step { tolerance: Some(tolerance), regions, kept: true, dearer }
+    }
+
+    /// Renders blocks spread over the picture, to see how errors depend on the tolerance.
+    fn look(&mut self) -> Step {
+        self.looks += 1;
+        let blocks = self.region.blocks(SPOT);
+        let count = (blocks.len() / ONE_IN).max(SPOTS).min(blocks.len());
+        // The fractional parts of multiples of the golden ratio are spread evenly, whatever the rows' length.
+        let mut chosen: Vec<usize> = (0..count)
+            .map(|k| {
+                let start = k * blocks.len() / count;
+                let end = (k + 1) * blocks.len() / count;
+                start + (k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_shr(40) as usize % (end - start)
+            })
+            .collect();
+        chosen.dedup();
+        let regions = chosen.into_iter().map(|k| blocks[k]).collect();
+        Step { tolerance: Some(self.tolerance), regions, kept: false, dearer: 1.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture whose error falls with a power of the tolerance, and never below `least`.
+    fn picture(step: &Step, whole: Region, (scale, power, least): (f64, f64, f64)) -> Outcome {
+        let tolerance = step.tolerance.map_or(0.0, Tolerance::fraction);
+        let rmse = (scale * libm::pow(tolerance, power)).max(least);
+        let regions = if step.regions.is_empty() { vec![whole] } else { step.regions.clone() };
+        let tiles: Vec<(Region, ErrorEstimate)> = regions
+            .into_iter()
+            .map(|r| {
+                let squares = rmse * rmse * r.area() as f64 * f64::from(1u32 << ErrorEstimate::SHIFT);
+                (r, ErrorEstimate { pixels: r.area(), squares: squares as u64, ..ErrorEstimate::default() })
+            })
+            .collect();
+        let mut error = ErrorEstimate::default();
+        tiles.iter().for_each(|(_, e)| error += *e);
+        Outcome { error, tiles, ..Outcome::default() }
+    }
+
+    fn region() -> Region {
+        Region { x0: 0, y0: 0, x1: 640, y1: 480 }
+    }
+
+    #[test]
+    fn errors_asked_for_are_met_and_not_by_far() {
+        for (scale, power) in [(1.0, 0.85), (0.2, 0.6), (3.0, 1.1)] {
+            for target in [4.0 / 255.0, 0.5 / 255.0, 0.1 / 255.0] {
+                let mut plan = Plan::new(Goal::Error(target), region());
+                let (mut step, mut passes, mut kept) = (plan.first(), 1, None);
+                loop {
+                    let outcome = picture(&step, region(), (scale, power, 0.0));
+                    if step.kept {
+                        kept = Some(outcome.error.rmse());
+                    }
+                    let Some(next) = plan.next(&outcome) else { break };
+                    (step, passes) = (next, passes + 1);
+                }
+                let got = kept.expect("a picture");
+                assert!(got <= 1.02 * target && got > target / 3.0, "{scale} {power}: {got} for {target}");
+                assert!(passes <= 8, "{passes} passes");
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_met_ends() {
+        let mut plan = Plan::new(Goal::Error(1e-6), region());
+        let mut step = plan.first();
+        for _ in 0..20 {
+            match plan.next(&picture(&step, region(), (1.0, 0.85, 1e-3))) {
+                Some(next) => step = next,
+                None => return,
+            }
+        }
+        panic!("no end");
+    }
+
+    #[test]
+    fn under_a_time_limit_a_coarse_picture_comes_first_and_the_worst_is_refined_first() {
+        let limit = Duration::from_secs(10);
+        let mut plan = Plan::new(Goal::Time { limit, error: None }, region());
+        let first = plan.first();
+        assert!(first.kept && first.regions.is_empty());
+        let tile = |x0| Region { x0, y0: 0, x1: x0 + 32, y1: 32 };
+        let of = |squares| ErrorEstimate { pixels: 1024, squares, ..ErrorEstimate::default() };
+        let tiles = vec![(tile(0), of(10)), (tile(32), of(1000)), (tile(64), of(100))];
+        let outcome =
+            Outcome { error: of(1110), tiles, took: Duration::from_millis(100), now: Duration::from_millis(200) };
+        let next = plan.next(&outcome).expect("there is time");
+        assert_eq!(next.regions, [tile(32), tile(64), tile(0)]);
+        assert!(next.tolerance < first.tolerance);
+        assert!(plan.next(&Outcome { now: limit, ..outcome }).is_none());
+    }
+
+    #[test]
+    fn an_error_reached_before_the_time_is_up_is_enough() {
+        let mut plan = Plan::new(Goal::Time { limit: Duration::from_secs(10), error: Some(0.01) }, region());
+        let step = plan.first();
+        assert!(plan.next(&picture(&step, region(), (0.1, 0.85, 0.0))).is_none());
+    }
+}

@@ -1,0 +1,80 @@
+//! How much a picture on a surface varies between a cell's corners.
+
+use glam::DVec2;
+
+use super::cell::{Cell, Outcome};
+use super::part::Part;
+use super::store::Store;
+use crate::geometry::ObjectId;
+use crate::geometry::local::kind;
+use crate::scene::Pigment;
+use crate::trace::{PlanePoint, Tracer};
+
+/// Texels looked at along an edge of a footprint at most.
+const EDGE: i64 = 8;
+
+/// Takes a picture that a whole cell shows into account.
+pub(crate) fn add(store: &Store<'_>, cell: &Cell, outcome: &mut Outcome) {
+    let tracer = store.tracer;
+    if tracer.prepared().scene.pictures().is_empty() || cell.part.depth() != 1 {
+        return;
+    }
+    let Some(object) = store.object(cell.corners[0]) else { return };
+    if cell.corners.iter().any(|&s| store.object(s) != Some(object)) {
+        return;
+    }
+    let at = |x: i32, y: i32| store.point(x, y);
+    let (x, y, s) = (cell.x, cell.y, cell.size);
+    let points = [at(x, y), at(x + s, y), at(x + s, y + s), at(x, y + s)];
+    let Some(spread) = tracer.picture_spread(object, points) else { return };
+    let lights = match cell.part {
+        Part::Light(..) => 1,
+        _ => tracer.lights().len().min(2),
+    };
+    let e = 0.5 * spread * lights as f64 * cell.edge() * cell.edge();
+    outcome.variance += e * e;
+}
+
+impl Tracer {
+    /// Root mean square distance from their mean of a picture's texels between four points of the
+    /// image plane that all see `object`; `None` where it has no picture.
+    pub(crate) fn picture_spread(&self, object: u32, points: [PlanePoint; 4]) -> Option<f64> {
+        let material = self.material(ObjectId(object));
+        let Pigment::Picture(id) = material.pigment else { return None };
+        let scene = &self.prepared().scene;
+        let data = &scene.pictures()[id.0 as usize];
+        let size = DVec2::new(f64::from(data.width()), f64::from(data.height()));
+        let uv = points.map(|p| self.picture_coordinates(object, p));
+        let wraps = crate::trace::texture::wraps(kind(scene, ObjectId(object)));
+        let (mut lo, mut hi) = (DVec2::ZERO, DVec2::ZERO);
+        for c in &uv[1..] {
+            let mut d = *c - uv[0];
+            if wraps[0] {
+                d.x -= (d.x + 0.5).floor();
+            }
+            if wraps[1] {
+                d.y -= (d.y + 0.5).floor();
+            }
+            lo = lo.min(d);
+            hi = hi.max(d);
+        }
+        let span = (hi - lo) * size;
+        let steps = |x: f64| ((x.ceil() as i64) + 1).clamp(2, EDGE);
+        let (nx, ny) = (steps(span.x), steps(span.y));
+        let (mut sum, mut squares) = (glam::DVec3::ZERO, 0.0);
+        for j in 0..ny {
+            for i in 0..nx {
+                let t = DVec2::new((i as f64 + 0.5) / nx as f64, (j as f64 + 0.5) / ny as f64);
+                let at = uv[0] + lo + (hi - lo) * t;
+                let fraction = |x: f64, wrap: bool| if wrap { x - x.floor() } else { x.clamp(0.0, 1.0) };
+                let at = DVec2::new(fraction(at.x, wraps[0]), fraction(at.y, wraps[1]));
+                let c = self.picture_color(id, at, ObjectId(object));
+                sum += c;
+                squares += c.dot(c);
+            }
+        }
+        let n = (nx * ny) as f64;
+        let variance = (squares / n - (sum / n).dot(sum / n)).max(0.0) / 3.0;
+        Some(variance.sqrt() * material.albedo.max_element())
+    }
+}
