@@ -12,8 +12,9 @@ use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::Arc;
 
+use tessera_core::film::Region;
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
-use tessera_core::trace::{PlanePoint, PreparedScene, Tracer};
+use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_core::xml::{ReadOptions, read_bytes};
 use tessera_tests::generate::{self, Document};
 
@@ -39,26 +40,28 @@ fn tracer(document: &Document) -> Tracer {
     Tracer::new(Arc::new(PreparedScene::build(scene)), settings).expect("settings are in range")
 }
 
+/// Runs `work` in a pool of this thread alone, which is the one that is counted.
+fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
+    pool.expect("a pool of one thread").install(|| counted_by_callgrind(work))
+}
+
 fn trace(document: &Document) {
     let tracer = tracer(document);
-    let points: Vec<PlanePoint> =
-        (-24..24).flat_map(|y| (-32..32).map(move |x| PlanePoint { x: 2 * x + 1, y: 2 * y + 1 })).collect();
-    let seen = counted_by_callgrind(|| tracer.samples(&points));
-    assert_eq!(seen.0.len(), points.len());
+    let region = Region::new(0, 0, 64, 48).expect("not empty");
+    let (tile, _) = alone(|| tracer.render(region));
+    assert_eq!(tile.pixels.len(), 64 * 48);
 }
 
 fn run(kernel: &str) {
     match kernel {
         "build" => {
             let scene = Arc::new(generate::terrain(16).scene().expect("the scene is valid"));
-            // On this thread, which is the one that is counted.
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
-            let pool = pool.expect("a pool of one thread");
-            pool.install(|| counted_by_callgrind(|| PreparedScene::build(scene)));
+            alone(|| PreparedScene::build(scene));
         }
         "read" => {
             let text = generate::terrain(16).xml().into_bytes();
-            counted_by_callgrind(|| read_bytes(text, "terrain.xml", None, &ReadOptions::default())).expect("valid");
+            alone(|| read_bytes(text, "terrain.xml", None, &ReadOptions::default())).expect("the scene is valid");
         }
         "demo" => trace(&generate::demo()),
         "mirrors" => trace(&generate::mirrors()),
@@ -76,7 +79,6 @@ fn count(kernel: &str) -> Result<u64, String> {
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null", "--toggle-collect=*counted_by_callgrind*"])
         .arg(this)
         .args(["--kernel", kernel])
-        .env("RAYON_NUM_THREADS", "1")
         .output()
         .map_err(|e| e.to_string())?;
     let said = String::from_utf8_lossy(&output.stderr);

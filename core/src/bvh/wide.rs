@@ -178,10 +178,12 @@ impl<T: Coordinate> Wide<T> {
 
 /// The descendants of `root` that its wide node holds, in the order of their places.
 fn open<T: Coordinate>(root: &Binary<T>) -> Vec<&Binary<T>> {
-    let with_area = |n| match n {
-        &Binary::Inner { ref bounds, .. } => (n, bounds.half_area()),
-        leaf => (leaf, f64::NEG_INFINITY),
-    };
+    fn with_area<T: Coordinate>(n: &Binary<T>) -> (&Binary<T>, f64) {
+        match n {
+            Binary::Inner { bounds, .. } => (n, bounds.half_area()),
+            Binary::Leaf { .. } => (n, f64::NEG_INFINITY),
+        }
+    }
     let mut open = Vec::with_capacity(WIDTH);
     open.push(with_area(root));
     while open.len() < WIDTH {

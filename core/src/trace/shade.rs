@@ -7,12 +7,12 @@ use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, plane, sphere, triangle};
 
 /// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic:
-/// an eighth of an 8-bit step, and errors are several times below their bounds.
-pub(crate) const VALUE: f64 = 1.0 / (1u64 << 11) as f64;
+/// a thirtieth of an 8-bit step, and errors are several times below their bounds.
+pub(crate) const VALUE: f64 = 1.0 / (1u64 << 13) as f64;
 
 /// Normals less sure than this ask for wide arithmetic whatever they contribute: beyond it the
 /// bounds' first-order terms would no longer dominate.
-pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 9) as f64;
+pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 11) as f64;
 
 /// Places less sure than this, beside the scene's size and their distance, ask for it too: rays
 /// that leave them would be in doubt about everything within that reach.
