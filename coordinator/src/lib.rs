@@ -2,6 +2,7 @@
 
 mod farm;
 mod job;
+pub mod measure;
 mod plan;
 pub mod povray;
 mod scheduler;

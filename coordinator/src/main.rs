@@ -1,4 +1,4 @@
-//! The `coordinator` program: render, check, compare.
+//! The `coordinator` program: render, check, compare, measure.
 
 mod cli;
 

@@ -22,7 +22,8 @@ const STYLES: Styles = Styles::styled()
     after_help = "Examples:\n  \
         coordinator render scene.xml                  scene.png, on this machine\n  \
         coordinator check scene.xml                   what is wrong with it, what is in it\n  \
-        coordinator compare a.png b.png --diff d.png  how far two pictures are apart\n\n\
+        coordinator compare a.png b.png --diff d.png  how far two pictures are apart\n  \
+        coordinator measure scene.xml                 what accuracy costs on this scene\n\n\
         'coordinator COMMAND --help' says more about each.",
 )]
 pub(crate) struct Args {
@@ -52,6 +53,9 @@ pub(crate) enum Command {
         coordinator compare a.png b.png --diff difference.png\n\n\
         Exit code: 0 within the tolerance, 1 beyond it or of another size, 2 a file cannot be read.")]
     Compare(Compare),
+    /// Measure what accuracy costs on a scene, and recommend a setting
+    #[command(after_help = super::measure::EXAMPLES, after_long_help = super::measure::MORE)]
+    Measure(Box<super::measure::Flags>),
     /// Print a script that completes this program's commands and flags in a shell
     #[command(after_help = "Examples:\n  \
         coordinator completions bash > ~/.local/share/bash-completion/completions/coordinator\n  \
@@ -262,7 +266,7 @@ pub(crate) enum TileArg {
     Edge(u32),
 }
 
-fn size(text: &str) -> Result<(u32, u32), String> {
+pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     let wrong = || "expected WIDTHxHEIGHT in pixels, such as 640x480".to_string();
     let (w, h) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
     let edge = |t: &str| match t.trim().parse::<u64>() {
@@ -299,7 +303,7 @@ fn tile(text: &str) -> Result<TileArg, String> {
 }
 
 /// A duration of at least a millisecond and at most a year: numbers with units, added up; seconds without one.
-fn duration(text: &str) -> Result<Duration, String> {
+pub(super) fn duration(text: &str) -> Result<Duration, String> {
     let wrong = || "expected a time, such as 90s, 1.5m, 1h30m or 500ms".to_string();
     let mut rest = text.trim();
     let mut seconds = 0.0;
@@ -326,7 +330,7 @@ fn duration(text: &str) -> Result<Duration, String> {
 }
 
 /// An error to aim at, in 8-bit steps.
-fn target(text: &str) -> Result<f64, String> {
+pub(super) fn target(text: &str) -> Result<f64, String> {
     match tolerance(text)? {
         e if e > 0.0 => Ok(e),
         _ => Err("an error to aim at must be above 0; '--quality reference' goes as far as is sensible".into()),

@@ -7,6 +7,7 @@ mod condition;
 mod console;
 mod describe;
 mod exit;
+mod measure;
 mod options;
 mod progress;
 mod render;
@@ -39,6 +40,7 @@ pub(crate) fn run() -> Exit {
         Command::Render(raw) => render::run(*raw, &console, began),
         Command::Check(raw) => check::run(&raw, &console),
         Command::Compare(raw) => compare::run(&raw, &console),
+        Command::Measure(raw) => measure::run(*raw, &console, began),
         Command::Completions { shell } => {
             let mut text = Vec::new();
             clap_complete::generate(shell, &mut Args::command(), "coordinator", &mut text);

@@ -33,7 +33,8 @@ impl Style {
         }
     }
 
-    fn period(self) -> Duration {
+    /// Between two words.
+    pub(crate) fn period(self) -> Duration {
         match self {
             Self::Bar => Duration::from_millis(100),
             Self::Plain => Duration::from_secs(10),
@@ -48,7 +49,7 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
     if style == Style::None {
         return;
     }
-    let bar = (style == Style::Bar).then(|| Bar(new_bar(&console)));
+    let bar = (style == Style::Bar).then(|| Bar::new(&console, 1));
     let mut ticks = interval_at(Instant::now() + style.period(), style.period());
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -66,10 +67,9 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
         }
         let now = watched.borrow().clone();
         match (&bar, style) {
-            (Some(Bar(bar)), _) => {
-                bar.set_length(now.pixels_total.max(1));
-                bar.set_position(now.pixels_done);
-                bar.set_message(details(&now));
+            (Some(bar), _) => {
+                bar.0.set_length(now.pixels_total.max(1));
+                bar.set(now.pixels_done, details(&now));
             }
             (None, Style::Json) => console.say(&json(&now)),
             (None, _) => console.say(&format!("{:3.0} %  {}", 100.0 * share(&now), details(&now))),
@@ -77,22 +77,31 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
     }
 }
 
-/// Takes itself off the screen.
-struct Bar(ProgressBar);
+/// A bar that takes itself off the screen.
+pub(crate) struct Bar(ProgressBar);
+
+impl Bar {
+    /// An empty bar of `length` steps.
+    pub(crate) fn new(console: &Console, length: u64) -> Self {
+        let bar = console.bars().add(ProgressBar::new(length));
+        // Falls back to the crate's own look, should the template ever not parse.
+        if let Ok(style) = ProgressStyle::with_template("{bar:24.cyan/blue} {percent:>3} %  {wide_msg}") {
+            bar.set_style(style.progress_chars("━╸─"));
+        }
+        Self(bar)
+    }
+
+    /// Shows so many steps, and a message beside them.
+    pub(crate) fn set(&self, steps: u64, message: String) {
+        self.0.set_position(steps);
+        self.0.set_message(message);
+    }
+}
 
 impl Drop for Bar {
     fn drop(&mut self) {
         self.0.finish_and_clear();
     }
-}
-
-fn new_bar(console: &Console) -> ProgressBar {
-    let bar = console.bars().add(ProgressBar::new(1));
-    // Falls back to the crate's own look, should the template ever not parse.
-    if let Ok(style) = ProgressStyle::with_template("{bar:24.cyan/blue} {percent:>3} %  {wide_msg}") {
-        bar.set_style(style.progress_chars("━╸─"));
-    }
-    bar
 }
 
 fn share(p: &Progress) -> f64 {

@@ -26,12 +26,17 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
     for note in &options.notes {
         console.warning(note);
     }
+    on_runtime(options.threads, render(Arc::new(options), console, began))
+}
+
+/// Runs `work` to its end, on a new runtime.
+pub(super) fn on_runtime<T>(threads: usize, work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
     let internal = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, format!("cannot start threads: {e}"));
     // Reading and building keep to the threads the user allows, as rendering does.
-    rayon::ThreadPoolBuilder::new().num_threads(options.threads).build_global().map_err(|e| internal(&e))?;
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(|e| internal(&e))?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(|e| internal(&e))?;
-    let done = runtime.block_on(render(Arc::new(options), console, began));
+    let done = runtime.block_on(work);
     // What may still run (a scene half read when a signal came) is not waited for.
     runtime.shutdown_background();
     done
@@ -161,14 +166,14 @@ async fn bind(options: &Options, console: &Console) -> Result<Farm, Failure> {
 }
 
 /// Runs `work` off the async threads.
-async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
+pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
     tokio::task::spawn_blocking(work)
         .await
         .map_err(|e| Failure::new(Exit::Failed, format!("internal error: {e}; please report it")))
 }
 
 /// What `work` gives, unless a signal comes first.
-async fn unless_stopped<T>(stop: &CancellationToken, work: impl Future<Output = T>) -> Result<T, Failure> {
+pub(super) async fn unless_stopped<T>(stop: &CancellationToken, work: impl Future<Output = T>) -> Result<T, Failure> {
     tokio::select! {
         done = work => Ok(done),
         () = stop.cancelled() => Err(Failure::new(Exit::Interrupted, "interrupted before anything was rendered")),
@@ -231,7 +236,7 @@ fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
 }
 
 /// How `error` ends the program.
-fn failure(error: &RenderError) -> Failure {
+pub(super) fn failure(error: &RenderError) -> Failure {
     let exit = match error {
         RenderError::NoWorkers { .. } => Exit::NoWorkers,
         RenderError::Prepare(_) | RenderError::Region(_) => Exit::Usage,

@@ -49,6 +49,8 @@ impl<T: Coordinate> Bounds<T> {
 }
 
 const BINS: usize = 16;
+/// Up to this many items half the bins serve.
+const FEW: usize = 32;
 /// Below this many items a subtree is built by one thread.
 const PARALLEL: usize = 4096;
 /// The most items of a leaf.
@@ -71,9 +73,8 @@ impl<T: Coordinate> Bins<T> {
 
     fn fill(mut self, items: &[Item<T>], scale: &Scale) -> Self {
         for item in items {
-            let b = scale.bins(item);
             for k in 0..3 {
-                let bin = &mut self.0[k][b[k]];
+                let bin = &mut self.0[k][scale.bin(item, k)];
                 bin.bounds.add(&item.lo, &item.hi);
                 bin.count += 1;
             }
@@ -97,12 +98,10 @@ struct Scale {
 }
 
 impl Scale {
-    fn bins<T: Coordinate>(&self, item: &Item<T>) -> [usize; 3] {
-        [0, 1, 2].map(|k| {
-            let c = item.lo[k].to_f64() + item.hi[k].to_f64();
-            // `as` saturates, and sends NaN (an infinite extent) to 0.
-            (((c - self.origin[k]) * self.factor[k]) as usize).min(BINS - 1)
-        })
+    fn bin<T: Coordinate>(&self, item: &Item<T>, k: usize) -> usize {
+        let c = item.lo[k].to_f64() + item.hi[k].to_f64();
+        // `as` saturates, and sends NaN (an infinite extent) to 0.
+        (((c - self.origin[k]) * self.factor[k]) as usize).min(BINS - 1)
     }
 }
 
@@ -173,7 +172,9 @@ fn split<T: Coordinate>(
         items.sort_unstable_by(|a, b| key(a).total_cmp(&key(b)).then(a.id.cmp(&b.id)));
         return Some((0.0, items.len() / 2));
     }
-    let scale = Scale { origin: lo, factor: [0, 1, 2].map(|k| BINS as f64 * (1.0 - 1e-9) / (hi[k] - lo[k])) };
+    // Most nodes are small ones, where the bins would cost more than the items in them.
+    let count = if items.len() > FEW { BINS } else { BINS / 2 };
+    let scale = Scale { origin: lo, factor: [0, 1, 2].map(|k| count as f64 * (1.0 - 1e-9) / (hi[k] - lo[k])) };
     let bins = if items.len() > 8 * PARALLEL {
         use rayon::prelude::*;
         items
@@ -191,14 +192,14 @@ fn split<T: Coordinate>(
         }
         let mut right = [0.0; BINS];
         let (mut b, mut n) = (Bounds::EMPTY, 0);
-        for i in (1..BINS).rev() {
+        for i in (1..count).rev() {
             let bin = &bins.0[k][i];
             b.add(&bin.bounds.lo, &bin.bounds.hi);
             n += bin.count;
             right[i] = b.half_area() * f64::from(n);
         }
         let (mut b, mut n) = (Bounds::EMPTY, 0);
-        for i in 1..BINS {
+        for i in 1..count {
             let bin = &bins.0[k][i - 1];
             b.add(&bin.bounds.lo, &bin.bounds.hi);
             n += bin.count;
@@ -209,7 +210,7 @@ fn split<T: Coordinate>(
         }
     }
     let (cost, axis, at) = best?;
-    let middle = partition(items, |i| scale.bins(i)[axis] < at);
+    let middle = partition(items, |i| scale.bin(i, axis) < at);
     let area = bounds.half_area();
     Some((if area > 0.0 { STEP_COST + cost / area } else { f64::INFINITY }, middle))
 }

@@ -1,5 +1,7 @@
 //! The binary hierarchy, collapsed to eight children a node.
 
+use rayon::prelude::*;
+
 use super::build::{Binary, Bounds};
 use super::{Coordinate, Item};
 
@@ -59,6 +61,23 @@ pub(crate) struct Node<T> {
     pub(crate) child: [Child; WIDTH],
 }
 
+impl<T: Coordinate> Default for Node<T> {
+    fn default() -> Self {
+        let (lo, hi) = ([[T::INFINITY; WIDTH]; 3], [[T::NEG_INFINITY; WIDTH]; 3]);
+        Self { lo, hi, child: [Child::NOTHING; WIDTH] }
+    }
+}
+
+impl<T: Coordinate> Node<T> {
+    fn set(&mut self, slot: usize, bounds: &Bounds<T>, child: Child) {
+        for k in 0..3 {
+            self.lo[k][slot] = bounds.lo[k];
+            self.hi[k][slot] = bounds.hi[k];
+        }
+        self.child[slot] = child;
+    }
+}
+
 /// The hierarchy; node 0 is the root. Empty where there are no items.
 #[derive(Debug)]
 pub(crate) struct Wide<T> {
@@ -70,17 +89,57 @@ pub(crate) struct Wide<T> {
     pub(crate) hi: [f64; 3],
 }
 
+impl<T> Default for Wide<T> {
+    fn default() -> Self {
+        Self { nodes: Vec::new(), ids: [Vec::new(), Vec::new()], lo: [0.0; 3], hi: [0.0; 3] }
+    }
+}
+
 impl<T: Coordinate> Wide<T> {
-    /// Leaves out what is `hidden` by another item of its leaf: `hidden(a, b)` says whether a never matters beside b.
-    pub(crate) fn collapse(root: Option<&Binary<T>>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> Self {
-        let mut wide = Self { nodes: Vec::new(), ids: [Vec::new(), Vec::new()], lo: [0.0; 3], hi: [0.0; 3] };
-        if let Some(root) = root {
-            wide.lo = root.bounds().lo.map(T::to_f64);
-            wide.hi = root.bounds().hi.map(T::to_f64);
-            wide.node(root, items, hidden);
-            wide.nodes.shrink_to_fit();
+    /// Leaves out what is `hidden` by another item of its leaf: `hidden(a, b)` says whether a never
+    /// matters beside b. What is below the root's children is collapsed in parallel.
+    pub(crate) fn collapse(
+        root: Option<&Binary<T>>,
+        items: &[Item<T>],
+        hidden: &(dyn Fn(u32, u32) -> bool + Sync),
+    ) -> Self {
+        let mut wide = Self::default();
+        let Some(root) = root else { return wide };
+        wide.lo = root.bounds().lo.map(T::to_f64);
+        wide.hi = root.bounds().hi.map(T::to_f64);
+        wide.nodes.push(Node::default());
+        let parts: Vec<(Self, Child, Bounds<T>)> = open(root)
+            .into_par_iter()
+            .map(|child| {
+                let mut part = Self::default();
+                let link = part.child(child, items, hidden);
+                (part, link, *child.bounds())
+            })
+            .collect();
+        for (slot, (part, link, bounds)) in parts.into_iter().enumerate() {
+            let link = wide.append(part, link);
+            wide.nodes[0].set(slot, &bounds, link);
         }
+        wide.nodes.shrink_to_fit();
         wide
+    }
+
+    /// Adds what `part` holds; gives where its `child` is then.
+    fn append(&mut self, part: Self, child: Child) -> Child {
+        let nodes = self.nodes.len();
+        let ids = [self.ids[0].len(), self.ids[1].len()];
+        let moved = |child: Child| match child.link() {
+            Link::Nothing => child,
+            Link::Inner(index) => Child::inner(nodes + index),
+            Link::Leaf { kind, start, count } => {
+                Child::leaf(kind, (ids[usize::from(kind)] + start) as u32, count as u32)
+            }
+        };
+        self.nodes.extend(part.nodes.into_iter().map(|n| Node { child: n.child.map(moved), ..n }));
+        for (all, more) in self.ids.iter_mut().zip(part.ids) {
+            all.extend(more);
+        }
+        moved(child)
     }
 
     /// The farthest that a point in the hierarchy may be from the origin.
@@ -94,50 +153,44 @@ impl<T: Coordinate> Wide<T> {
         (0..3).map(|k| self.lo[k].abs().max(self.hi[k].abs())).sum()
     }
 
-    /// Adds the node over `root`'s descendants; depth is bounded as the binary tree's is.
-    fn node(&mut self, root: &Binary<T>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> u32 {
-        let mut open: Vec<&Binary<T>> = Vec::with_capacity(WIDTH);
-        match root {
-            Binary::Inner { children, .. } => open.extend(children.iter()),
-            Binary::Leaf { .. } => open.push(root),
-        }
-        while open.len() < WIDTH {
-            let largest = open
-                .iter()
-                .enumerate()
-                .filter(|(_, n)| matches!(n, Binary::Inner { .. }))
-                .max_by(|(i, a), (j, b)| a.bounds().half_area().total_cmp(&b.bounds().half_area()).then(j.cmp(i)));
-            let Some((at, Binary::Inner { children, .. })) = largest else { break };
-            open[at] = &children[0];
-            open.insert(at + 1, &children[1]);
+    /// Adds `child` and all below it; depth is bounded as the binary tree's is.
+    fn child(&mut self, child: &Binary<T>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> Child {
+        if let Binary::Leaf { start, count, .. } = child {
+            let items = &items[*start as usize..][..*count as usize];
+            let kind = items[0].kind;
+            let ids = &mut self.ids[usize::from(kind)];
+            let first = ids.len() as u32;
+            // What coincides has the same box, which is at hand.
+            let covers = |j: &Item<T>, i: &Item<T>| j.lo == i.lo && j.hi == i.hi && hidden(i.id, j.id);
+            let matters = |i: &&Item<T>| !items.iter().any(|j| covers(j, i));
+            ids.extend(items.iter().filter(matters).map(|i| i.id));
+            return Child::leaf(kind, first, ids.len() as u32 - first);
         }
         let index = self.nodes.len();
-        self.nodes.push(Node {
-            lo: [[T::INFINITY; WIDTH]; 3],
-            hi: [[T::NEG_INFINITY; WIDTH]; 3],
-            child: [Child::NOTHING; WIDTH],
-        });
-        for (slot, child) in open.into_iter().enumerate() {
-            let link = match child {
-                Binary::Leaf { start, count, .. } => {
-                    let items = &items[*start as usize..][..*count as usize];
-                    let kind = items[0].kind;
-                    let ids = &mut self.ids[usize::from(kind)];
-                    let first = ids.len() as u32;
-                    let matters = |i: &&Item<T>| !items.iter().any(|j| hidden(i.id, j.id));
-                    ids.extend(items.iter().filter(matters).map(|i| i.id));
-                    Child::leaf(kind, first, ids.len() as u32 - first)
-                }
-                Binary::Inner { .. } => Child(self.node(child, items, hidden)),
-            };
-            let Bounds { lo, hi } = *child.bounds();
-            let node = &mut self.nodes[index];
-            for k in 0..3 {
-                node.lo[k][slot] = lo[k];
-                node.hi[k][slot] = hi[k];
-            }
-            node.child[slot] = link;
+        self.nodes.push(Node::default());
+        for (slot, child) in open(child).into_iter().enumerate() {
+            let link = self.child(child, items, hidden);
+            self.nodes[index].set(slot, child.bounds(), link);
         }
-        index as u32
+        Child::inner(index)
     }
+}
+
+/// The descendants of `root` that its wide node holds, in the order of their places.
+fn open<T: Coordinate>(root: &Binary<T>) -> Vec<&Binary<T>> {
+    fn with_area<T: Coordinate>(n: &Binary<T>) -> (&Binary<T>, f64) {
+        match n {
+            Binary::Inner { bounds, .. } => (n, bounds.half_area()),
+            Binary::Leaf { .. } => (n, f64::NEG_INFINITY),
+        }
+    }
+    let mut open = Vec::with_capacity(WIDTH);
+    open.push(with_area(root));
+    while open.len() < WIDTH {
+        let largest = (1..open.len()).fold(0, |at, i| if open[i].1 > open[at].1 { i } else { at });
+        let Binary::Inner { children, .. } = open[largest].0 else { break };
+        open[largest] = with_area(&children[0]);
+        open.insert(largest + 1, with_area(&children[1]));
+    }
+    open.into_iter().map(|(n, _)| n).collect()
 }

@@ -2,6 +2,8 @@
 
 use super::flip;
 use super::image::Image;
+use super::transfer::from_linear;
+use crate::settings::Transfer;
 
 /// Distances between two pictures of one size, over their numbers as given.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +41,25 @@ impl Metrics {
     /// When the pictures are not of the same size.
     #[must_use]
     pub fn measure(reference: &Image, test: &Image) -> Self {
+        let errors = Self::errors(reference, test);
+        Self { ssim: ssim(reference, test), flip: flip::mean(reference, test), ..errors }
+    }
+
+    /// Measures `test` against `reference`, both linear radiance: SSIM and FLIP see them clamped
+    /// and sRGB-encoded, as an eye does; every other figure takes them as they are.
+    ///
+    /// # Panics
+    /// When the pictures are not of the same size.
+    #[must_use]
+    pub fn of_radiance(reference: &Image, test: &Image) -> Self {
+        let errors = Self::errors(reference, test);
+        let seen = |image: &Image| image.clone().map(|x| from_linear(Transfer::Srgb, in_range(x).into()) as f32);
+        let (reference, test) = rayon::join(|| seen(reference), || seen(test));
+        Self { ssim: ssim(&reference, &test), flip: flip::mean(&reference, &test), ..errors }
+    }
+
+    /// Every figure but SSIM and FLIP, which are those of equal pictures.
+    fn errors(reference: &Image, test: &Image) -> Self {
         assert_eq!(
             (reference.width(), reference.height()),
             (test.width(), test.height()),
@@ -70,8 +91,8 @@ impl Metrics {
             largest_at: ((at % width) as u32, (at / width) as u32),
             beyond_255th: beyond_255th as f64 / count as f64,
             beyond_510th: beyond_510th as f64 / count as f64,
-            ssim: ssim(reference, test),
-            flip: flip::mean(reference, test),
+            ssim: 1.0,
+            flip: 0.0,
         }
     }
 }
@@ -148,6 +169,19 @@ mod tests {
         assert_eq!((m.largest_at, m.beyond_255th, m.beyond_510th), ((3, 7), 1.0 / 200.0, 1.0 / 200.0));
         assert!((m.largest * 255.0 - 3.0).abs() < 1e-5);
         assert!(m.ssim < 1.0 && m.flip > 0.0);
+    }
+
+    #[test]
+    fn radiance_is_seen_encoded_and_measured_as_it_is() {
+        let a = image(32, 32, |x, y| some(x, y).map(|c| 0.1 * c));
+        let b = image(32, 32, |x, y| some(x, y).map(|c| 0.1 * c + if x == y { 0.02 } else { 0.0 }));
+        let encoded = |image: &Image| image.clone().map(|x| from_linear(Transfer::Srgb, x.into()) as f32);
+        let (plain, seen) = (Metrics::measure(&a, &b), Metrics::measure(&encoded(&a), &encoded(&b)));
+        let m = Metrics::of_radiance(&a, &b);
+        assert_eq!((m.rmse, m.largest, m.beyond_255th), (plain.rmse, plain.largest, plain.beyond_255th));
+        assert_eq!((m.ssim, m.flip), (seen.ssim, seen.flip));
+        // Dark pictures look further apart than their light is.
+        assert!(m.flip > plain.flip && m.ssim < plain.ssim);
     }
 
     #[test]

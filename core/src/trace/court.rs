@@ -112,6 +112,7 @@ struct Hit {
 }
 
 /// A point that the path meets, of the width that knew it.
+#[expect(clippy::large_enum_variant, reason = "the large one is the common one: only the other is worth a box")]
 pub(crate) enum WideHit {
     First(ExactHit<FIRST>),
     Last(Box<ExactHit<LAST>>),

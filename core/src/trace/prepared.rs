@@ -168,7 +168,7 @@ fn coincide(a: &Triangle, b: &Triangle) -> bool {
         && b.written.iter().all(|v| a.written.contains(v))
 }
 
-fn hierarchy<T: Coordinate>(all: &[(Aabb, u32, u8)], hidden: &dyn Fn(u32, u32) -> bool) -> Wide<T> {
+fn hierarchy<T: Coordinate>(all: &[(Aabb, u32, u8)], hidden: &(dyn Fn(u32, u32) -> bool + Sync)) -> Wide<T> {
     let mut items: Vec<Item<T>> = all
         .par_iter()
         .map(|&(b, id, kind)| Item { lo: b.lo.to_array().map(T::down), hi: b.hi.to_array().map(T::up), id, kind })

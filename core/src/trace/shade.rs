@@ -6,7 +6,8 @@ use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, plane, sphere, triangle};
 
-/// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic.
+/// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic:
+/// a thirtieth of an 8-bit step, and errors are several times below their bounds.
 pub(crate) const VALUE: f64 = 1.0 / (1u64 << 13) as f64;
 
 /// Normals less sure than this ask for wide arithmetic whatever they contribute: beyond it the

@@ -1,0 +1,118 @@
+//! The settings that trade speed for accuracy.
+
+use tessera_core::settings::{Quality, Sampling, Settings};
+
+use crate::plan::Goal;
+
+/// Ways to trade speed for accuracy, each a line of the plot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Method {
+    /// Adaptive sampling towards an error.
+    MaxError,
+    /// Adaptive sampling by name.
+    Quality,
+    /// As many points in every pixel.
+    Samples,
+    /// Shorter paths, at the quality that is the default.
+    MaxDepth,
+    /// POV-Ray's anti-aliasing.
+    PovRay,
+}
+
+impl Method {
+    /// Every method, in the order of tables.
+    pub const ALL: [Self; 5] = [Self::MaxError, Self::Quality, Self::Samples, Self::MaxDepth, Self::PovRay];
+
+    /// What tables and files call it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MaxError => "max-error",
+            Self::Quality => "quality",
+            Self::Samples => "samples",
+            Self::MaxDepth => "max-depth",
+            Self::PovRay => "pov-ray",
+        }
+    }
+}
+
+/// One setting of this program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Knob {
+    /// A root mean squared error to aim at, in 8-bit steps.
+    MaxError(f64),
+    /// A named quality.
+    Quality(Quality),
+    /// A grid of so many points a side in every pixel.
+    Samples(u32),
+    /// At most so many rays a path, at the default quality.
+    MaxDepth(u32),
+}
+
+impl Knob {
+    /// Its method.
+    #[must_use]
+    pub fn method(&self) -> Method {
+        match self {
+            Self::MaxError(_) => Method::MaxError,
+            Self::Quality(_) => Method::Quality,
+            Self::Samples(_) => Method::Samples,
+            Self::MaxDepth(_) => Method::MaxDepth,
+        }
+    }
+
+    /// Its value, as flags spell it.
+    #[must_use]
+    pub fn value(&self) -> String {
+        match self {
+            Self::MaxError(steps) => format!("{steps}"),
+            Self::Quality(quality) => quality.name().into(),
+            Self::Samples(grid) => (grid * grid).to_string(),
+            Self::MaxDepth(depth) => depth.to_string(),
+        }
+    }
+
+    /// The flags that `render` takes for it.
+    #[must_use]
+    pub fn flags(&self) -> Vec<String> {
+        vec![format!("--{}", self.method().name()), self.value()]
+    }
+
+    /// What a render under `base` becomes by it.
+    #[must_use]
+    pub fn apply(&self, base: &Settings) -> (Settings, Goal) {
+        let adaptive = |quality: Quality| Sampling::Adaptive { tolerance: quality.tolerance() };
+        let default = Settings { sampling: adaptive(Quality::default()), ..*base };
+        match *self {
+            Self::MaxError(steps) => (default, Goal::Error(steps / 255.0)),
+            Self::Quality(quality) => (Settings { sampling: adaptive(quality), ..*base }, Goal::AsSet),
+            Self::Samples(grid) => (Settings { sampling: Sampling::Uniform { grid }, ..*base }, Goal::AsSet),
+            Self::MaxDepth(max_depth) => (Settings { max_depth, ..default }, Goal::AsSet),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tessera_core::settings::{Transfer, View};
+
+    use super::*;
+
+    #[test]
+    fn flags_say_what_is_applied() {
+        let view = View::new(4, 3, 1.0, 1.0).expect("valid");
+        let base =
+            Settings { view, max_depth: 16, sampling: Sampling::Uniform { grid: 1 }, transfer: Transfer::Linear };
+        let told = |knob: Knob| knob.flags().join(" ");
+        assert_eq!(told(Knob::Samples(3)), "--samples 9");
+        assert_eq!(Knob::Samples(3).apply(&base).0.sampling, Sampling::Uniform { grid: 3 });
+        assert_eq!(told(Knob::MaxError(0.5)), "--max-error 0.5");
+        assert_eq!(Knob::MaxError(0.5).apply(&base).1, Goal::Error(0.5 / 255.0));
+        assert_eq!(told(Knob::Quality(Quality::Preview)), "--quality preview");
+        assert_eq!(told(Knob::MaxDepth(2)), "--max-depth 2");
+        let (settings, goal) = Knob::MaxDepth(2).apply(&base);
+        assert_eq!((settings.max_depth, goal), (2, Goal::AsSet));
+        // Without a word about sampling, `render` takes the default quality.
+        assert_eq!(settings.sampling, Knob::Quality(Quality::default()).apply(&base).0.sampling);
+    }
+}

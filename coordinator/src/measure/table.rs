@@ -1,0 +1,307 @@
+//! What was measured, for people.
+
+use std::fmt::Write;
+
+use super::knob::Method;
+use super::point::{Measured, Point, Skipped};
+use super::reference::{Reference, Source};
+
+/// Names of columns, with their alignment: texts to the left, numbers to the right.
+const COLUMNS: [(&str, bool); 14] = [
+    ("", true),
+    ("method", true),
+    ("setting", true),
+    ("trace s", false),
+    ("whole s", false),
+    ("rays/px", false),
+    ("Mrays", false),
+    ("RMSE", false),
+    ("predicted", false),
+    ("PSNR dB", false),
+    ("largest", false),
+    ("> 1/255", false),
+    ("> 1/510", false),
+    ("SSIM, FLIP", false),
+];
+
+impl Measured {
+    /// The table, what its marks mean, and what is recommended. `render` is the command line that depth and
+    /// a setting's flags are added to.
+    #[must_use]
+    pub fn to_text(&self, render: &str) -> String {
+        let mut text = String::new();
+        let view = &self.settings.view;
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{}, {}x{} pixels", self.scene, view.width(), view.height());
+        match &self.reference {
+            Some(reference) => {
+                let _ = writeln!(text, "reference: {}", told(reference));
+            }
+            None => text.push_str("there was no time for a reference, so nothing was measured\n"),
+        }
+        if !self.points.is_empty() {
+            text.push('\n');
+            self.rows(&mut text);
+            text.push('\n');
+            self.legend(&mut text);
+        }
+        self.left_out(&mut text);
+        if self.interrupted {
+            text.push_str("\ninterrupted: this is what was measured until then\n");
+        }
+        if !self.points.is_empty() {
+            text.push('\n');
+            text.push_str(&self.advice(render));
+        }
+        text
+    }
+
+    fn rows(&self, text: &mut String) {
+        let pixels = f64::from(self.settings.view.width()) * f64::from(self.settings.view.height());
+        let recommended = self.recommendation.as_ref().map(|r| r.point);
+        let mut rows: Vec<[String; 14]> = vec![COLUMNS.map(|(name, _)| name.into())];
+        rows.extend(self.points.iter().enumerate().map(|(i, p)| cells(p, pixels, recommended == Some(i))));
+        let widths: [usize; 14] =
+            std::array::from_fn(|c| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or_default());
+        let mut before: Option<Method> = None;
+        for (i, row) in rows.iter().enumerate() {
+            // A line between methods keeps them apart.
+            let method = i.checked_sub(1).and_then(|k| self.points.get(k)).map(|p| p.method);
+            if i > 1 && method != before {
+                text.push('\n');
+            }
+            before = method;
+            let line: Vec<String> = (0..14)
+                .map(|c| {
+                    let width = widths[c];
+                    if COLUMNS[c].1 { format!("{:<width$}", row[c]) } else { format!("{:>width$}", row[c]) }
+                })
+                .collect();
+            let _ = writeln!(text, "{}", line.join("  ").trim_end());
+        }
+    }
+
+    /// What was not measured, by reasons.
+    fn left_out(&self, text: &mut String) {
+        let mut told: Vec<&str> = Vec::new();
+        for Skipped { why, .. } in &self.skipped {
+            if told.contains(&why.as_str()) {
+                continue;
+            }
+            told.push(why);
+            let whats = self.skipped.iter().filter(|s| s.why == *why).map(|s| s.what.as_str());
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "\nleft out, for {why}: {}", whats.collect::<Vec<_>>().join(", "));
+        }
+    }
+
+    fn legend(&self, text: &mut String) {
+        let numbers = if self.clamped { "linear numbers, clamped to [0, 1]" } else { "linear numbers" };
+        let _ = writeln!(
+            text,
+            "RMSE, predicted and largest error in 8-bit steps of {numbers}; > 1/255, > 1/510: share of pixels\n\
+             further off than that; rays/px: camera rays a pixel; seconds: medians, whole with reading, building and\n\
+             writing.  * Pareto front: nothing here is quicker and closer   > recommended"
+        );
+        if self.points.iter().any(|p| p.beyond_reference) {
+            text.push_str("~ within three times the reference's own error: the true error may be smaller\n");
+        }
+    }
+
+    /// The setting to take for the target, and the command line for it.
+    #[must_use]
+    pub fn advice(&self, render: &str) -> String {
+        let target = self.target;
+        match self.recommended() {
+            Some(p) => format!(
+                "for an RMSE of at most {target}, the cheapest is {}: {} in {} s\n\n  {}\n",
+                p.flags.join(" "),
+                figure(p.metrics.rmse_steps()),
+                figure(p.trace.as_secs_f64()),
+                self.command(render, p)
+            ),
+            None => match self.closest() {
+                Some(p) => format!(
+                    "nothing measured reaches an RMSE of {target}; the closest is {} with {}\n",
+                    p.flags.join(" "),
+                    figure(p.metrics.rmse_steps())
+                ),
+                None => String::new(),
+            },
+        }
+    }
+
+    /// The command line of a point: `render`, the depth that all had unless the point has its own, and
+    /// the point's flags.
+    pub(super) fn command(&self, render: &str, point: &Point) -> String {
+        let depth = match (point.method, self.settings.max_depth) {
+            // The default of `render`.
+            (Method::MaxDepth, _) | (_, 16) => String::new(),
+            (_, depth) => format!(" --max-depth {depth}"),
+        };
+        format!("{render}{depth} {}", point.flags.join(" "))
+    }
+
+    /// This program's closest point.
+    fn closest(&self) -> Option<&Point> {
+        let ours = self.points.iter().filter(|p| p.method != Method::PovRay);
+        ours.min_by(|a, b| a.metrics.rmse.total_cmp(&b.metrics.rmse))
+    }
+}
+
+/// What a reference is, and how good.
+pub(super) fn told(reference: &Reference) -> String {
+    let own = |by: &str| match reference.own_error {
+        Some(e) => format!("; its own error is {}{by}", rough(255.0 * e)),
+        None => "; its own error is not known".into(),
+    };
+    match &reference.source {
+        Source::Rendered(grids) => {
+            let parts: Vec<String> = grids.iter().map(|n| format!("{n}²")).collect();
+            let samples = reference.samples().unwrap_or_default();
+            format!("{samples} samples a pixel ({}){}", parts.join(" + "), own(""))
+        }
+        Source::File(path, codes) => {
+            format!("{}{}", path.display(), own(if *codes { ", by rounding alone" } else { "" }))
+        }
+    }
+}
+
+/// At two significant digits.
+pub(super) fn rough(x: f64) -> String {
+    match x.abs() {
+        a if a >= 9.95 => format!("{x:.0}"),
+        a if a >= 0.995 => format!("{x:.1}"),
+        a if a >= 0.0995 || a == 0.0 => format!("{x:.2}"),
+        a if a >= 0.00995 => format!("{x:.3}"),
+        _ => format!("{x:.4}"),
+    }
+}
+
+fn cells(p: &Point, pixels: f64, recommended: bool) -> [String; 14] {
+    let m = &p.metrics;
+    let none = || "–".to_owned();
+    let mark = |is: bool, mark: char| if is { mark } else { ' ' };
+    [
+        [mark(recommended, '>'), mark(p.front, '*')].iter().collect(),
+        p.method.name().into(),
+        p.value.clone(),
+        figure(p.trace.as_secs_f64()),
+        figure(p.whole.as_secs_f64()),
+        p.rays.map_or_else(none, |r| figure(r.camera as f64 / pixels)),
+        p.rays.and_then(|r| r.total()).map_or_else(none, |n| figure(n as f64 / 1e6)),
+        format!("{}{}", if p.beyond_reference { "~" } else { "" }, figure(m.rmse_steps())),
+        p.predicted.map_or_else(none, |e| figure(255.0 * e.rmse)),
+        if m.psnr.is_finite() { format!("{:.1}", m.psnr) } else { "∞".into() },
+        figure(255.0 * m.largest),
+        format!("{:.3} %", 100.0 * m.beyond_255th),
+        format!("{:.3} %", 100.0 * m.beyond_510th),
+        format!("{:.5}, {:.5}", m.ssim, m.flip),
+    ]
+}
+
+/// At three significant digits, as people write them.
+pub(super) fn figure(x: f64) -> String {
+    match x.abs() {
+        a if a >= 99.95 => format!("{x:.0}"),
+        a if a >= 9.995 => format!("{x:.1}"),
+        a if a >= 0.9995 => format!("{x:.2}"),
+        a if a >= 0.09995 || a == 0.0 => format!("{x:.3}"),
+        a if a >= 0.009_995 => format!("{x:.4}"),
+        _ => format!("{x:.5}"),
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::time::Duration;
+
+    use tessera_core::film::Image;
+    use tessera_core::settings::{Sampling, Settings, Transfer, View};
+
+    use super::*;
+    use crate::measure::pareto::{conclude, tests::point};
+    use crate::measure::point::{Predicted, Rays};
+
+    /// A made-up measurement.
+    pub(in crate::measure) fn measured() -> Measured {
+        let mut points = vec![
+            point(Method::Samples, "1", 0.1, 5.0),
+            point(Method::Samples, "4", 0.4, 2.1),
+            point(Method::Samples, "64", 6.0, 0.4),
+            point(Method::MaxError, "2", 0.25, 1.6),
+            point(Method::MaxError, "0.5", 0.5, 0.42),
+            point(Method::Quality, "final", 1.0, 0.2),
+            point(Method::PovRay, "+A0.3 +AM1 +R3", 0.9, 2.5),
+        ];
+        for p in &mut points[3..6] {
+            p.predicted = Some(Predicted { rmse: 1.1 * p.metrics.rmse, worst: 0.01 });
+            p.rays = Some(Rays { camera: 24, mirror: 6, shadow: Some(3_000_000) });
+        }
+        points[5].beyond_reference = true;
+        let recommendation = conclude(&mut points, 0.5);
+        let image = Image::new(4, 3, vec![[0.5; 3]; 12]).expect("whole");
+        Measured {
+            scene: "demo".into(),
+            settings: Settings {
+                view: View::new(4, 3, 1.0, 1.0).expect("valid"),
+                max_depth: 16,
+                sampling: Sampling::Uniform { grid: 1 },
+                transfer: Transfer::Srgb,
+            },
+            workers: 2,
+            threads: 2,
+            read: Duration::from_millis(5),
+            build: Duration::from_millis(3),
+            target: 0.5,
+            reference: Some(Reference { image, source: Source::Rendered(vec![11, 13]), own_error: Some(0.08 / 255.0) }),
+            clamped: true,
+            points,
+            skipped: vec![Skipped { what: "--samples 144".into(), why: "there was no time".into() }],
+            recommendation,
+            interrupted: false,
+        }
+    }
+
+    #[test]
+    fn the_table_says_what_was_measured_and_what_to_take() {
+        let text = measured().to_text("coordinator render demo.xml");
+        let line = |words: &[&str]| {
+            let found = text.lines().find(|l| words.iter().all(|w| l.split_whitespace().any(|x| x == *w)));
+            found.unwrap_or_else(|| panic!("no line of {words:?} in\n{text}")).to_owned()
+        };
+        assert!(line(&["max-error", "0.5"]).starts_with(">*"));
+        assert!(line(&["samples", "1"]).starts_with(" *"));
+        assert!(line(&["samples", "64"]).starts_with("  "));
+        assert!(line(&["quality", "final"]).contains("~0.200") && line(&["quality", "final"]).contains("0.220"));
+        assert!(text.contains("290 samples a pixel (11² + 13²); its own error is 0.080"));
+        assert!(text.contains("  coordinator render demo.xml --max-error 0.5\n"));
+        assert!(text.contains("left out, for there was no time: --samples 144"));
+    }
+
+    #[test]
+    fn commands_name_a_depth_once() {
+        let mut measured = measured();
+        measured.settings.max_depth = 8;
+        let shallow = point(Method::MaxDepth, "4", 0.3, 0.4);
+        assert_eq!(measured.command("render a.xml", &shallow), "render a.xml --max-depth 4");
+        let plain = point(Method::Samples, "4", 0.3, 0.4);
+        assert_eq!(measured.command("render a.xml", &plain), "render a.xml --max-depth 8 --samples 4");
+    }
+
+    #[test]
+    fn a_target_out_of_reach_is_said_to_be() {
+        let mut measured = measured();
+        measured.target = 0.01;
+        measured.recommendation = conclude(&mut measured.points, 0.01);
+        let advice = measured.advice("coordinator render demo.xml");
+        assert!(advice.contains("nothing measured reaches") && advice.contains("--quality final"), "{advice}");
+    }
+
+    #[test]
+    fn figures_have_three_digits() {
+        assert_eq!([12.3, 1.23, 0.123, 0.0123, 0.00123].map(rough), ["12", "1.2", "0.12", "0.012", "0.0012"]);
+        let said = [123.4, 12.34, 9.999, 1.234, 0.1234, 0.01234, 0.0, 0.00012].map(figure);
+        assert_eq!(said, ["123", "12.3", "10.0", "1.23", "0.123", "0.0123", "0.000", "0.00012"]);
+    }
+}
