@@ -10,9 +10,10 @@ use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, plane, sphere, triangle};
 /// an eighth of an 8-bit step, and errors are several times below their bounds.
 pub(crate) const VALUE: f64 = 1.0 / (1u64 << 11) as f64;
 
-/// Normals less sure than this ask for wide arithmetic whatever they contribute: beyond it the
-/// bounds' first-order terms would no longer dominate.
-pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 9) as f64;
+/// Normals less sure than this ask for wide arithmetic whatever they contribute: rays mirrored there
+/// would be in doubt about much of what they pass, and far beyond it the bounds' first-order terms
+/// would no longer dominate.
+pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 10) as f64;
 
 /// Places less sure than this, beside the scene's size and their distance, ask for it too: rays
 /// that leave them would be in doubt about everything within that reach.
@@ -30,10 +31,13 @@ pub(crate) struct Place<R = f64> {
     pub(crate) en: R,
 }
 
+/// The normal's bound of a place that is [taken as it is](Place::taken_as_it_is); others are greater.
+pub(crate) const TAKEN: f64 = 2.0 * U;
+
 impl Place {
     /// The same, taken to be as right as a rounded place can be; whether it is or not.
     pub(crate) fn taken_as_it_is(self) -> Self {
-        Self { ep: 2.0 * U * self.p.norm1(), en: 2.0 * U, ..self }
+        Self { ep: 2.0 * U * self.p.norm1(), en: TAKEN, ..self }
     }
 }
 
