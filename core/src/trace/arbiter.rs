@@ -9,8 +9,8 @@
 //! smallest f64 and another is 1. Beside its numbers a ray carries bounds of how far they may be
 //! from the real ones, and every decision a bound of its own:
 //!
-//! - what exceeds its bound, and 2^−(3/4 of the bits) of its terms, has the sign it shows;
-//! - what is below that share of its terms, and so is its bound, is zero at the last width: an exact
+//! - what exceeds its bound has the sign it shows;
+//! - what does not is zero at the last width, if that bound is below 2^−1152 of its terms: an exact
 //!   event (a tangent, a shared edge, equal distances), whose outcome the image model defines;
 //! - anything else is [`Unsure`], and asked again at the last width. What is unsure there, because
 //!   the path behind it has used the digits up, is decided by the numbers as they are, the same
@@ -35,7 +35,7 @@ use crate::scene::{PlanePosition, Scene};
 pub(crate) const FIRST: usize = 4;
 pub(crate) const LAST: usize = 24;
 
-/// A difference more than three quarters of the bits below its terms is not told from zero.
+/// What cannot be told from zero is zero where its bound is this many bits below its terms.
 const fn tie(limbs: usize) -> i64 {
     48 * limbs as i64
 }
@@ -43,9 +43,9 @@ const fn tie(limbs: usize) -> i64 {
 /// Nothing that is used as a value may be wronger than 2^−VALUE of itself.
 const VALUE: i64 = 60;
 
-/// A sum of a few products of numbers of N limbs is rounded by less than this share of its terms.
+/// A sum of a few products of numbers of N limbs is rounded by far less than this share of its terms.
 fn rounding<const N: usize>() -> Bound {
-    Bound::power(12 - 64 * N as i64)
+    Bound::power(20 - 64 * N as i64)
 }
 
 /// These numbers are not wide enough to tell.
@@ -140,14 +140,16 @@ impl<const N: usize> ExactRay<N> {
 
 /// The sign of `x`, which may be wrong by `error`: 0 where it vanishes beside `terms`.
 fn sign<const N: usize>(x: &Big<N>, terms: Bound, error: Bound) -> Result<i32, Unsure> {
+    let zero = terms.exponent().saturating_sub(tie(N));
+    if error == Bound::ZERO {
+        // Exact numbers, or such as are taken as they are.
+        return Ok(if x.exponent() >= zero { x.signum() } else { 0 });
+    }
     // At least twice the error, so that quotients by x are bounded as well.
     let proven = error.exponent().saturating_add(2);
-    let zero = terms.exponent().saturating_sub(tie(N));
-    // No error at all is that of numbers which are exact, or taken as they are.
-    let open = error != Bound::ZERO && proven > zero;
-    if x.exponent() >= if open { proven } else { zero } {
+    if x.exponent() >= proven {
         Ok(x.signum())
-    } else if open || (N < LAST && error != Bound::ZERO) {
+    } else if N < LAST || proven > zero {
         Err(Unsure)
     } else {
         Ok(0)
@@ -282,9 +284,17 @@ impl<const N: usize> Chord<N> {
         let lever =
             if delta.exponent().saturating_add(4) < radius.exponent() { radius } else { radius + times(away, 1) };
         let c_terms = Bound::of(&oc2) + Bound::of(&rr);
-        let disc_terms = Bound::of(&a) * c_terms;
+        let (disc, disc_terms) = if N < LAST {
+            (b * b - a * c, Bound::of(&a) * c_terms)
+        } else {
+            // Dearer, but what it subtracts is no more than the sphere's size: spheres however small
+            // beside their distance are told from points.
+            let (arm, reach) = (oc.cross(&ray.d), a * rr);
+            let square = arm.dot(&arm);
+            (reach - square, Bound::of(&reach) + Bound::of(&square))
+        };
         Self {
-            disc: b * b - a * c,
+            disc,
             disc_error: Bound::of(&a) * (times(lever * delta, 3) + times(delta * delta, 2)) + rounding * disc_terms,
             disc_terms,
             b_terms: away * speed,

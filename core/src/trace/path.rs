@@ -77,9 +77,9 @@ impl Tracer {
             let mut place = self.place(&ray, decision, from);
             let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
             let too_wide = refines && self.too_wide(&place, throughput);
-            if !refines {
+            if !refines && self.too_wide(&place, throughput) {
                 place = place.taken_as_it_is();
-                ray.ed = ray.ed.min(4.0 * U);
+                ray.ed = 4.0 * U;
             }
             let mut refined = if too_wide { court.place(&case, decision, throughput, goes_on) } else { None };
             let mut color = material.albedo;

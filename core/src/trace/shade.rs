@@ -10,8 +10,9 @@ use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, plane, sphere, triangle};
 /// a thirtieth of an 8-bit step, and errors are several times below their bounds.
 pub(crate) const VALUE: f64 = 1.0 / (1u64 << 13) as f64;
 
-/// Normals less sure than this ask for wide arithmetic whatever they contribute: beyond it the
-/// bounds' first-order terms would no longer dominate.
+/// Normals less sure than this ask for wide arithmetic whatever they contribute: rays mirrored there
+/// would be in doubt about much of what they pass, and far beyond it the bounds' first-order terms
+/// would no longer dominate.
 pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 11) as f64;
 
 /// Places less sure than this, beside the scene's size and their distance, ask for it too: rays
@@ -30,10 +31,13 @@ pub(crate) struct Place<R = f64> {
     pub(crate) en: R,
 }
 
+/// The normal's bound of a [rounded](Place::rounded) place; others are greater.
+pub(crate) const TAKEN: f64 = 2.0 * U;
+
 impl Place {
     /// The rounded place, and the rounded normal there.
     pub(crate) fn rounded(p: V3<f64>, n: V3<f64>) -> Self {
-        Self { p, ep: 2.0 * U * p.norm1(), n, en: 2.0 * U }
+        Self { p, ep: 2.0 * U * p.norm1(), n, en: TAKEN }
     }
 
     /// The same, taken to be as right as a rounded place can be; whether it is or not.

@@ -9,8 +9,8 @@ use super::{Document, Item, Look, Random};
 
 /// How many kinds there are; seed % KINDS is a scene's kind.
 pub const KINDS: u64 = 12;
-/// The kind of [`sizes`].
-const SIZES: u64 = 10;
+/// The kind whose sizes are the furthest apart.
+pub const SIZES: u64 = 10;
 
 fn pick<T: Copy>(r: &mut Random, all: &[T]) -> T {
     all[r.below(all.len() as u64) as usize]
@@ -194,8 +194,8 @@ fn room(r: &mut Random) -> Document {
 
 /// The smallest before the largest.
 fn sizes(r: &mut Random) -> Document {
-    let s = 10f64.powi(-(r.below(120) as i32));
-    let huge = 10f64.powi(r.below(100) as i32);
+    let s = 10f64.powi(-(r.below(150) as i32));
+    let huge = 10f64.powi(r.below(150) as i32);
     let mut d = Document::new(DVec3::ZERO, DVec3::Z * s).with_background(0.1, 0.1, 0.2);
     for _ in 0..3 {
         d = d.sphere(dvec3(r.between(-3.0, 3.0), r.between(-2.0, 2.0), 8.0) * s, s, shiny(r));

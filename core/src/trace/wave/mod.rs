@@ -563,8 +563,8 @@ impl Stage<'_> {
                 }
                 paths.mirrors[path] += 1;
                 let (mut d, mut ed) = ([lanes[0][lane], lanes[1][lane], lanes[2][lane]], lanes[3][lane]);
-                if self.tracer.refinement == Refinement::Off {
-                    ed = ed.min(4.0 * U);
+                if self.tracer.refinement == Refinement::Off && places.en[i] == shade::TAKEN {
+                    ed = 4.0 * U;
                 }
                 if places.refined[i] != 0 {
                     d = paths.refined_places[places.refined[i] as usize - 1].mirrored.to_array();
