@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use serde::Serialize;
 use tessera_core::scene::{Pigment, Scene, SurfaceId};
+use tessera_core::simd::Level;
 
 /// A scene in numbers.
 #[derive(Debug, Serialize)]
@@ -90,6 +91,25 @@ impl Description {
                 what: "picture coordinates",
                 needed: pictured > 0,
                 why: if pictured > 0 { of(pictured, "pictured object") } else { "nothing is pictured".into() },
+            },
+            Need {
+                what: "a hierarchy of boxes",
+                needed: scene.spheres().len() + scene.triangles().len() > 0,
+                why: match (scene.spheres().len(), scene.triangles().len()) {
+                    (0, 0) => "nothing is bounded".into(),
+                    (_, 0) => "all its leaves are of spheres".into(),
+                    (0, _) => "all its leaves are of triangles".into(),
+                    _ => "each leaf is of spheres or of triangles".into(),
+                },
+            },
+            Need {
+                what: "wide instructions",
+                needed: Level::best() != Level::Scalar,
+                why: match Level::best() {
+                    Level::Avx512 => "AVX-512 here, sixteen rays at a time".into(),
+                    Level::Avx2 => "AVX2 here, sixteen rays at a time".into(),
+                    Level::Scalar => "this machine offers none that are used; the bits are the same".into(),
+                },
             },
         ];
         let camera = scene.camera();
