@@ -15,7 +15,8 @@ fn render(scene: &str, level: Level, samples: u64) -> (Vec<[u32; 3]>, [u64; 4]) 
     let read = read_file(&path, &ReadOptions::default()).expect("the scene is valid");
     let settings = Settings {
         view: View::new(101, 67, 1.0, 1.0).expect("a view"),
-        max_depth: 80,
+        // Longer than a wave keeps paths, where that is not too dear.
+        max_depth: if samples == 1 { 80 } else { 6 },
         sampling: Sampling::uniform(samples).expect("a square"),
         transfer: Transfer::Srgb,
     };
