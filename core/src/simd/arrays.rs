@@ -91,6 +91,27 @@ fn mask16(f: impl Fn(usize) -> bool) -> Mask {
     m
 }
 
+#[inline(always)]
+fn mask8(f: impl Fn(usize) -> bool) -> u8 {
+    let mut m = 0;
+    for k in 0..8 {
+        m |= u8::from(f(k)) << k;
+    }
+    m
+}
+
+/// The greater in each lane; `b` where either is NaN.
+#[inline(always)]
+fn greater<T: Copy + PartialOrd, const N: usize>(a: [T; N], b: [T; N]) -> [T; N] {
+    from_fn(|k| if a[k] > b[k] { a[k] } else { b[k] })
+}
+
+/// The lesser in each lane; `b` where either is NaN.
+#[inline(always)]
+fn lesser<T: Copy + PartialOrd, const N: usize>(a: [T; N], b: [T; N]) -> [T; N] {
+    from_fn(|k| if a[k] < b[k] { a[k] } else { b[k] })
+}
+
 impl Single for S16 {
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -122,11 +143,11 @@ impl Single for S16 {
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Self(from_fn(|k| if self.0[k] > other.0[k] { self.0[k] } else { other.0[k] }))
+        Self(greater(self.0, other.0))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        Self(from_fn(|k| if self.0[k] < other.0[k] { self.0[k] } else { other.0[k] }))
+        Self(lesser(self.0, other.0))
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask {
@@ -161,19 +182,15 @@ impl Octet for S8 {
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Self(from_fn(|k| if self.0[k] > other.0[k] { self.0[k] } else { other.0[k] }))
+        Self(greater(self.0, other.0))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        Self(from_fn(|k| if self.0[k] < other.0[k] { self.0[k] } else { other.0[k] }))
+        Self(lesser(self.0, other.0))
     }
     #[inline(always)]
     fn le(self, other: Self) -> u8 {
-        let mut m = 0;
-        for k in 0..8 {
-            m |= u8::from(self.0[k] <= other.0[k]) << k;
-        }
-        m
+        mask8(|k| self.0[k] <= other.0[k])
     }
 }
 
@@ -193,11 +210,11 @@ impl Real for D8 {
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Self(from_fn(|k| if self.0[k] > other.0[k] { self.0[k] } else { other.0[k] }))
+        Self(greater(self.0, other.0))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        Self(from_fn(|k| if self.0[k] < other.0[k] { self.0[k] } else { other.0[k] }))
+        Self(lesser(self.0, other.0))
     }
     #[inline(always)]
     fn if_positive(self, a: Self, b: Self) -> Self {
@@ -216,18 +233,10 @@ impl Double for D8 {
     }
     #[inline(always)]
     fn positive(self) -> u8 {
-        let mut m = 0;
-        for k in 0..8 {
-            m |= u8::from(self.0[k] > 0.0) << k;
-        }
-        m
+        mask8(|k| self.0[k] > 0.0)
     }
     #[inline(always)]
     fn le(self, other: Self) -> u8 {
-        let mut m = 0;
-        for k in 0..8 {
-            m |= u8::from(self.0[k] <= other.0[k]) << k;
-        }
-        m
+        mask8(|k| self.0[k] <= other.0[k])
     }
 }
