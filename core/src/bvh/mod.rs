@@ -13,7 +13,7 @@ mod wide;
 
 pub(crate) use build::{Item, build_binary};
 pub(crate) use coordinate::Coordinate;
-pub(crate) use wide::{Child, Link, WIDTH, Wide};
+pub(crate) use wide::{Child, Link, Node, WIDTH, Wide};
 
 /// The hierarchy, in the narrowest coordinates that serve the scene.
 #[derive(Debug)]

@@ -22,6 +22,10 @@ impl Simd for Arrays {
         mask16(|k| x[k] == y)
     }
     #[inline(always)]
+    fn compress(x: &[u32; 8], mask: u8) -> [u32; 8] {
+        packed(x, mask)
+    }
+    #[inline(always)]
     fn put(x: &mut [u32; LANES], mask: Mask, y: u32) {
         for (k, x) in x.iter_mut().enumerate() {
             if mask >> k & 1 == 1 {
@@ -100,6 +104,18 @@ fn mask8(f: impl Fn(usize) -> bool) -> u8 {
     m
 }
 
+/// The elements of `x` in `mask`, moved to the front; zeros follow.
+#[inline(always)]
+fn packed<T: Copy + Default>(x: &[T; 8], mask: u8) -> [T; 8] {
+    let (mut to, mut at) = ([T::default(); 8], 0);
+    for k in 0..8 {
+        // What is not in the mask is overwritten by the next, or by zero.
+        to[at] = if mask >> k & 1 == 1 { x[k] } else { T::default() };
+        at = (at + usize::from(mask >> k & 1)).min(7);
+    }
+    to
+}
+
 /// The greater in each lane; `b` where either is NaN.
 #[inline(always)]
 fn greater<T: Copy + PartialOrd, const N: usize>(a: [T; N], b: [T; N]) -> [T; N] {
@@ -160,6 +176,14 @@ impl Single for S16 {
     #[inline(always)]
     fn select(self, mask: Mask, other: Self) -> Self {
         Self(from_fn(|k| if mask >> k & 1 == 1 { self.0[k] } else { other.0[k] }))
+    }
+    #[inline(always)]
+    fn least(self) -> f32 {
+        self.0.into_iter().fold(f32::INFINITY, f32::min)
+    }
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        self.0.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
 }
 
@@ -238,5 +262,9 @@ impl Double for D8 {
     #[inline(always)]
     fn le(self, other: Self) -> u8 {
         mask8(|k| self.0[k] <= other.0[k])
+    }
+    #[inline(always)]
+    fn compress(self, mask: u8) -> Self {
+        Self(packed(&self.0, mask))
     }
 }

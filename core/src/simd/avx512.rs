@@ -30,6 +30,16 @@ impl Simd for Avx512 {
         unsafe { _mm512_cmpeq_epi32_mask(_mm512_loadu_si512(x.as_ptr().cast()), _mm512_set1_epi32(y as i32)) }
     }
     #[inline(always)]
+    fn compress(x: &[u32; 8], mask: u8) -> [u32; 8] {
+        let mut to = [0; 8];
+        // SAFETY: as above; both arrays hold eight u32.
+        unsafe {
+            let packed = _mm256_maskz_compress_epi32(mask, _mm256_loadu_si256(x.as_ptr().cast()));
+            _mm256_storeu_si256(to.as_mut_ptr().cast(), packed);
+        }
+        to
+    }
+    #[inline(always)]
     fn put(x: &mut [u32; LANES], mask: Mask, y: u32) {
         // SAFETY: as above; the array has room for sixteen u32.
         unsafe { _mm512_mask_storeu_epi32(x.as_mut_ptr().cast(), mask, _mm512_set1_epi32(y as i32)) }
@@ -148,6 +158,16 @@ impl Single for S16 {
         // SAFETY: the processor has AVX-512, see the module.
         Self(unsafe { _mm512_mask_blend_ps(mask, other.0, self.0) })
     }
+    #[inline(always)]
+    fn least(self) -> f32 {
+        // SAFETY: the processor has AVX-512, see the module.
+        unsafe { _mm512_reduce_min_ps(self.0) }
+    }
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        // SAFETY: the processor has AVX-512, see the module.
+        unsafe { _mm512_reduce_max_ps(self.0) }
+    }
 }
 
 impl Octet for S8 {
@@ -245,5 +265,10 @@ impl Double for D8 {
     fn le(self, other: Self) -> u8 {
         // SAFETY: the processor has AVX-512, see the module.
         unsafe { _mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0) }
+    }
+    #[inline(always)]
+    fn compress(self, mask: u8) -> Self {
+        // SAFETY: the processor has AVX-512, see the module.
+        Self(unsafe { _mm512_maskz_compress_pd(mask, self.0) })
     }
 }

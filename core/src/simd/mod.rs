@@ -46,6 +46,10 @@ pub(crate) trait Single:
     fn le(self, other: Self) -> Mask;
     /// `self` in the lanes of `mask`, `other` elsewhere.
     fn select(self, mask: Mask, other: Self) -> Self;
+    /// The least lane; no lane may be NaN.
+    fn least(self) -> f32;
+    /// The greatest lane; no lane may be NaN.
+    fn greatest(self) -> f32;
 }
 
 /// Eight f32: the boxes of a node before one ray.
@@ -71,6 +75,8 @@ pub(crate) trait Double: Real {
     fn positive(self) -> u8;
     /// Lanes where self ≤ other; not where either is NaN.
     fn le(self, other: Self) -> u8;
+    /// The lanes of `mask`, moved to the front; zeros follow.
+    fn compress(self, mask: u8) -> Self;
 }
 
 /// A set of vector types that one level offers.
@@ -82,6 +88,8 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
     fn narrow(low: Self::Double, high: Self::Double) -> Self::Single;
     /// Lanes of `x` that equal `y`.
     fn equal(x: &[u32; LANES], y: u32) -> Mask;
+    /// The elements of `x` in `mask`, moved to the front; zeros follow.
+    fn compress(x: &[u32; 8], mask: u8) -> [u32; 8];
     /// `y` into the lanes of `mask`.
     fn put(x: &mut [u32; LANES], mask: Mask, y: u32);
 }

@@ -126,8 +126,9 @@ pub struct Tracer {
     refinement: Refinement,
 }
 
-/// Pixels along the edge of the blocks that threads take.
-const BLOCK: u32 = 16;
+/// Pixels along the edge of the blocks that threads take: large ones keep more of the rays that
+/// mirrors send on side by side, small ones keep more threads busy.
+const BLOCK: [u32; 2] = [32, 16];
 
 impl Tracer {
     /// A tracer of `prepared` under `settings`.
@@ -218,24 +219,35 @@ impl Tracer {
         if let Sampling::Adaptive { tolerance } = self.settings.sampling {
             return self.render_within(region, tolerance);
         }
-        let blocks = region.blocks(BLOCK);
+        let threads = rayon::current_num_threads();
+        let [large, small] = BLOCK;
+        let few = region.area() < 4 * threads as u64 * u64::from(large * large);
+        let blocks = region.blocks(if few && threads > 1 { small } else { large });
+        let mut pixels = vec![[0.0; 3]; region.area() as usize];
+        let mut counts = RayCounts::default();
+        let width = region.width() as usize;
+        let start = |block: &Region| (block.y0 - region.y0) as usize * width + (block.x0 - region.x0) as usize;
+        if threads == 1 {
+            let mut scratch = BlockScratch::default();
+            for block in blocks {
+                self.block(block, &mut scratch, &mut counts, &mut pixels[start(&block)..], width);
+            }
+            return (Tile { region, pixels, error: ErrorEstimate::default() }, counts);
+        }
         let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
             .into_par_iter()
             .map_init(BlockScratch::default, |scratch, block| {
                 let mut counts = RayCounts::default();
-                let pixels = self.block(block, scratch, &mut counts);
+                let mut pixels = vec![[0.0; 3]; block.area() as usize];
+                self.block(block, scratch, &mut counts, &mut pixels, block.width() as usize);
                 (block, pixels, counts)
             })
             .collect();
-        let mut pixels = vec![[0.0; 3]; region.area() as usize];
-        let mut counts = RayCounts::default();
         for (block, part, c) in done {
             counts += c;
-            let width = block.width() as usize;
-            for (row, line) in part.chunks_exact(width).enumerate() {
-                let y = (block.y0 - region.y0) as usize + row;
-                let start = y * region.width() as usize + (block.x0 - region.x0) as usize;
-                pixels[start..start + width].copy_from_slice(line);
+            let lines = pixels[start(&block)..].chunks_mut(width);
+            for (to, line) in lines.zip(part.chunks_exact(block.width() as usize)) {
+                to[..line.len()].copy_from_slice(line);
             }
         }
         (Tile { region, pixels, error: ErrorEstimate::default() }, counts)
@@ -327,28 +339,39 @@ impl Tracer {
         }
     }
 
-    fn block(&self, block: Region, scratch: &mut BlockScratch, counts: &mut RayCounts) -> Vec<[f32; 3]> {
+    /// Renders `block` to the front of `pixels`, `stride` pixels a row.
+    fn block(
+        &self,
+        block: Region,
+        scratch: &mut BlockScratch,
+        counts: &mut RayCounts,
+        pixels: &mut [[f32; 3]],
+        stride: usize,
+    ) {
         let n = self.grid;
         let (width, height) = (block.width() * n, block.height() * n);
         let BlockScratch { points, samples, ordered, wave } = scratch;
         points.clear();
         packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
-        samples.clear();
         samples.resize(points.len(), Sample::BLANK);
         self.trace(points, samples, wave, counts);
-        ordered.resize(points.len(), DVec3::ZERO);
+        let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
         let mut done = samples.iter();
+        if n == 1 {
+            packets(width, height, |x, y| {
+                if let Some(sample) = done.next() {
+                    pixels[y as usize * stride + x as usize] = single(sample.radiance);
+                }
+            });
+            return;
+        }
+        ordered.resize(points.len(), DVec3::ZERO);
         packets(width, height, |x, y| {
             if let Some(sample) = done.next() {
                 ordered[(y * width + x) as usize] = sample.radiance;
             }
         });
-        let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
-        if n == 1 {
-            return ordered.iter().map(|&v| single(v)).collect();
-        }
         let share = 1.0 / f64::from(n * n);
-        let mut pixels = Vec::with_capacity(block.area() as usize);
         for j in 0..block.height() {
             for i in 0..block.width() {
                 let mut sum = DVec3::ZERO;
@@ -356,10 +379,9 @@ impl Tracer {
                     let row = ((j * n + b) * width + i * n) as usize;
                     sum = ordered[row..row + n as usize].iter().fold(sum, |sum, &x| sum + x);
                 }
-                pixels.push(single(sum * share));
+                pixels[j as usize * stride + i as usize] = single(sum * share);
             }
         }
-        pixels
     }
 }
 

@@ -84,7 +84,7 @@ fn on_sphere(map: &Mapping, m: DVec3) -> DVec2 {
     let [e, b, p] = map.axes;
     let (x, y, z) = (m.dot(e), m.dot(b), m.dot(p));
     // atan2 of sine and cosine keeps its accuracy at the poles, where acos loses half of it.
-    let angle = libm::atan2(libm::sqrt(x * x + y * y), z);
+    let angle = libm::atan2((x * x + y * y).sqrt(), z);
     let turn = libm::atan2(y, x) / std::f64::consts::TAU;
     let u = if turn < 0.0 { turn + 1.0 } else { turn };
     DVec2::new(u, 1.0 - angle / std::f64::consts::PI)

@@ -33,6 +33,7 @@ pub(super) struct Rays<S: Simd> {
     /// −(o ± pad)/d: for lower and for upper ends of boxes.
     pub(super) low: [S::Single; 3],
     pub(super) high: [S::Single; 3],
+    pub(super) pad: S::Single,
     near: S::Single,
     per: S::Single,
     dd_inv: S::Single,
@@ -57,7 +58,7 @@ impl<S: Simd> Rays<S> {
         let dd_inv = dd.recip();
         let len = dd.sqrt() * S::Single::splat(1.0 + 16.0 * U32);
         let inv_len = len.recip() * S::Single::splat(1.0 + 32.0 * U32);
-        Self { o, d, inv, low, high, near, per, dd_inv, len, inv_len }
+        Self { o, d, inv, low, high, pad, near, per, dd_inv, len, inv_len }
     }
 
     /// Where the box is entered and left, `from` 0 `to` the bound.
@@ -69,6 +70,24 @@ impl<S: Simd> Rays<S> {
             let b = S::Single::splat(hi[k]).fma(self.inv[k], self.high[k]);
             near = near.max(a.min(b));
             far = far.min(a.max(b));
+        }
+        (near, far)
+    }
+
+    /// The same for rays whose directions have one sign on each axis: boxes are entered at `enter`
+    /// and left at `leave`, where `ends` holds −(o ± pad)/d.
+    #[inline(always)]
+    pub(super) fn one_sign(
+        &self,
+        enter: [f32; 3],
+        leave: [f32; 3],
+        ends: &[[S::Single; 3]; 2],
+        bound: S::Single,
+    ) -> (S::Single, S::Single) {
+        let (mut near, mut far) = (S::Single::splat(0.0), bound);
+        for k in 0..3 {
+            near = near.max(S::Single::splat(enter[k]).fma(self.inv[k], ends[0][k]));
+            far = far.min(S::Single::splat(leave[k]).fma(self.inv[k], ends[1][k]));
         }
         (near, far)
     }

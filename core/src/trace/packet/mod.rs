@@ -11,6 +11,7 @@
 //!
 //! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
 
+mod beam;
 mod meet;
 mod walk;
 
@@ -78,8 +79,9 @@ impl Walk {
         self.doubts.retain(|d| !(d.lo > best_hi[usize::from(d.lane)]));
     }
 }
+/// The lanes of `mask`.
 #[inline(always)]
-fn lanes(mut mask: Mask) -> impl Iterator<Item = usize> {
+pub(crate) fn lanes(mut mask: Mask) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         (mask != 0).then(|| {
             let k = mask.trailing_zeros() as usize;
@@ -179,7 +181,9 @@ impl<S: Simd> Visit<S> for Blocked<S> {
 #[inline(always)]
 pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packet, out: &mut Walk) {
     let far = S::Single::splat(f32::INFINITY);
-    let mut visitor = Nearest::<S> { active: packet.active, lo: far, hi: far, best: [NONE; LANES] };
+    // Of lanes that are not active nothing is near enough.
+    let hi = far.select(packet.active, S::Single::splat(-1.0));
+    let mut visitor = Nearest::<S> { active: packet.active, lo: far, hi, best: [NONE; LANES] };
     out.doubts.clear();
     walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
     out.best = visitor.best;

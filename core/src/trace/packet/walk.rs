@@ -6,9 +6,10 @@
 //! distributions on the Intel MIC architecture*, TVCG 18(9), 2012). What will be visited is
 //! asked of memory when it is found, long before it is needed.
 
+use super::beam::{Beam, LEAST_NODES};
 use super::meet::{Rays, meet_plane, meet_sphere, meet_triangle};
 use super::{Doubt, INSIDE, Packet, Visit, lanes};
-use crate::bvh::{Child, Link, WIDTH, Wide};
+use crate::bvh::{Child, Link, Node, WIDTH, Wide};
 use crate::simd::{LANES, Mask, Octet, Simd, Single, prefetch};
 use crate::trace::filter::Filter;
 
@@ -29,11 +30,17 @@ const EMPTY: Entry = Entry { near: [0.0; LANES], link: Child::NOTHING, mask: 0 }
 pub(super) struct Stacks {
     packet: Vec<Entry>,
     alone: Vec<(f32, Child)>,
+    /// 1/d, and −(o ± pad)/d for lower and upper ends of boxes; of a packet that a ray has left.
+    single: Box<[[[f32; LANES]; 3]; 3]>,
 }
 
 impl Default for Stacks {
     fn default() -> Self {
-        Self { packet: vec![EMPTY; 64 * WIDTH], alone: vec![(0.0, Child::NOTHING); 64 * WIDTH] }
+        Self {
+            packet: vec![EMPTY; 64 * WIDTH],
+            alone: vec![(0.0, Child::NOTHING); 64 * WIDTH],
+            single: Box::new([[[0.0; LANES]; 3]; 3]),
+        }
     }
 }
 
@@ -43,8 +50,14 @@ struct Journey<'a, S: Simd> {
     wide: &'a Wide<f32>,
     packet: &'a Packet,
     rays: Rays<S>,
-    /// 1/d, and −(o ± pad)/d for lower and upper ends of boxes; filled when the first ray leaves the packet.
-    single: [[[f32; LANES]; 3]; 3],
+    /// What all rays have in common; only in hierarchies where that pays.
+    beam: Option<Beam>,
+    /// −(o ± pad)/d where boxes are entered and left, if rays have one sign on each axis.
+    ends: [[S::Single; 3]; 2],
+    /// No ray goes farther.
+    far: f32,
+    single: &'a mut [[[f32; LANES]; 3]; 3],
+    /// Whether `single` is this packet's.
     filled: bool,
 }
 
@@ -71,7 +84,8 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
     if wide.nodes.is_empty() || visitor.active() == 0 {
         return;
     }
-    let mut journey = Journey { filter, wide, packet, rays, single: [[[0.0; LANES]; 3]; 3], filled: false };
+    let mut journey =
+        Journey::<S>::new((filter, wide, packet), rays, &mut stacks.single, visitor.active(), visitor.bound());
     let mut top = 1;
     stacks.packet[0] = Entry { near: [0.0; LANES], link: Child::ROOT, mask: visitor.active() };
     while top > 0 {
@@ -91,6 +105,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
                 if visitor.active() == 0 {
                     return;
                 }
+                journey.shorten(visitor.bound());
             }
             Link::Inner(index) => top = journey.open(index, mask, visitor.bound(), &mut stacks.packet, top),
             Link::Leaf { kind, start, count } => {
@@ -98,16 +113,78 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
                 if visitor.active() == 0 {
                     return;
                 }
+                journey.shorten(visitor.bound());
             }
         }
     }
 }
 
-impl<S: Simd> Journey<'_, S> {
+impl<'a, S: Simd> Journey<'a, S> {
+    #[inline(always)]
+    fn new(
+        (filter, wide, packet): (&'a Filter, &'a Wide<f32>, &'a Packet),
+        rays: Rays<S>,
+        single: &'a mut [[[f32; LANES]; 3]; 3],
+        active: Mask,
+        bound: S::Single,
+    ) -> Self {
+        let beam = (wide.nodes.len() > LEAST_NODES).then(|| Beam::new::<S>(&rays, rays.pad, active));
+        let mut ends = [rays.low, rays.high];
+        if let Some(beam) = &beam {
+            for k in 0..3 {
+                if beam.flip[k] {
+                    (ends[0][k], ends[1][k]) = (rays.high[k], rays.low[k]);
+                }
+            }
+        }
+        let mut journey = Self { filter, wide, packet, rays, beam, ends, far: f32::INFINITY, single, filled: false };
+        journey.shorten(bound);
+        journey
+    }
+
+    /// Notes how far rays may still go.
+    #[inline(always)]
+    fn shorten(&mut self, bound: S::Single) {
+        if self.beam.is_some() {
+            self.far = bound.greatest();
+        }
+    }
+
     /// Pushes the children of node `index` that rays of `mask` meet, the nearest last.
     #[inline(always)]
-    fn open(&self, index: usize, mask: Mask, bound: S::Single, stack: &mut Vec<Entry>, mut top: usize) -> usize {
+    fn open(&self, index: usize, mask: Mask, bound: S::Single, stack: &mut Vec<Entry>, top: usize) -> usize {
         let node = &self.wide.nodes[index];
+        let Some(beam) = &self.beam else {
+            return self.open_boxes::<false>(u8::MAX, node, [false; 3], mask, bound, stack, top);
+        };
+        let may = beam.meets::<S>(node, self.far);
+        if beam.one_sign {
+            self.open_boxes::<true>(may, node, beam.flip, mask, bound, stack, top)
+        } else {
+            self.open_boxes::<false>(may, node, [false; 3], mask, bound, stack, top)
+        }
+    }
+
+    /// The same for the boxes of `may`; with `ONE_SIGN` of directions, they are entered at their
+    /// upper ends where `flip` says so.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "one step of a walk, cut out to be compiled twice")]
+    fn open_boxes<const ONE_SIGN: bool>(
+        &self,
+        mut may: u8,
+        node: &Node<f32>,
+        flip: [bool; 3],
+        mask: Mask,
+        bound: S::Single,
+        stack: &mut Vec<Entry>,
+        mut top: usize,
+    ) -> usize {
+        let mut ends = [&node.lo, &node.hi].map(|e| [&e[0], &e[1], &e[2]]);
+        for k in 0..3 {
+            if flip[k] {
+                (ends[0][k], ends[1][k]) = (&node.hi[k], &node.lo[k]);
+            }
+        }
         if top + WIDTH > stack.len() {
             stack.resize(stack.len() * 2, EMPTY);
         }
@@ -115,14 +192,20 @@ impl<S: Simd> Journey<'_, S> {
         let first = top;
         let mut nearest = f32::INFINITY;
         let mut nearest_at = top;
-        for slot in 0..WIDTH {
+        while may != 0 {
+            let slot = may.trailing_zeros() as usize & (WIDTH - 1);
+            may &= may - 1;
             let child = node.child[slot];
             if child == Child::NOTHING {
                 break;
             }
-            let lo = [node.lo[0][slot], node.lo[1][slot], node.lo[2][slot]];
-            let hi = [node.hi[0][slot], node.hi[1][slot], node.hi[2][slot]];
-            let (near, far) = self.rays.slabs(lo, hi, bound);
+            let enter = [ends[0][0][slot], ends[0][1][slot], ends[0][2][slot]];
+            let leave = [ends[1][0][slot], ends[1][1][slot], ends[1][2][slot]];
+            let (near, far) = if ONE_SIGN {
+                self.rays.one_sign(enter, leave, &self.ends, bound)
+            } else {
+                self.rays.slabs(enter, leave, bound)
+            };
             let hit = near.le(far) & mask;
             if hit != 0 {
                 self.expect(child);

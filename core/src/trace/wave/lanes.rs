@@ -2,105 +2,119 @@
 
 use glam::DVec3;
 
+use super::PATHS;
 use crate::geometry::{Ray, Real, V3};
-use crate::simd::{Double, Simd};
+use crate::simd::{Double, LANES, Simd};
 use crate::trace::packet::NONE;
 use crate::trace::shade::{self, Place};
 
-/// Rays side by side, padded to whole packets.
-#[derive(Default)]
+/// One number of each ray of a wave. There is room behind the last for a vector to be read or
+/// written whole; what stands there means nothing.
+pub(super) type Column<T> = Box<[T; PATHS + LANES]>;
+
+pub(super) fn column<T: Copy>(x: T) -> Column<T> {
+    Box::new([x; PATHS + LANES])
+}
+
+fn columns() -> [Column<f64>; 3] {
+    [column(0.0), column(0.0), column(0.0)]
+}
+
+/// Rays side by side.
 pub(super) struct Rays {
-    pub(super) o: [Vec<f64>; 3],
-    pub(super) d: [Vec<f64>; 3],
-    pub(super) eo: Vec<f64>,
-    pub(super) ed: Vec<f64>,
+    pub(super) count: usize,
+    pub(super) o: [Column<f64>; 3],
+    pub(super) d: [Column<f64>; 3],
+    pub(super) eo: Column<f64>,
+    pub(super) ed: Column<f64>,
     /// The object a ray starts on, with `packet::INSIDE`, or [`NONE`].
-    pub(super) own: Vec<u32>,
-    /// Which path it belongs to.
-    pub(super) path: Vec<u32>,
-    pub(super) throughput: Vec<f64>,
+    pub(super) own: Column<u32>,
+    /// Which path it belongs to; ascending.
+    pub(super) path: Column<u32>,
+    pub(super) throughput: Column<f64>,
+}
+
+impl Default for Rays {
+    fn default() -> Self {
+        Self {
+            count: 0,
+            o: columns(),
+            d: columns(),
+            eo: column(0.0),
+            ed: column(0.0),
+            own: column(NONE),
+            path: column(0),
+            throughput: column(0.0),
+        }
+    }
 }
 
 impl Rays {
-    pub(super) fn len(&self) -> usize {
-        self.path.len()
-    }
-
-    pub(super) fn clear(&mut self) {
-        for v in self.o.iter_mut().chain(&mut self.d) {
-            v.clear();
-        }
-        self.eo.clear();
-        self.ed.clear();
-        self.own.clear();
-        self.path.clear();
-        self.throughput.clear();
-    }
-
-    /// Rays `at` to `at` + 8; lanes beyond the last are zero.
+    /// Rays `at` to `at` + 8.
     #[inline(always)]
     pub(super) fn eight<S: Simd>(&self, at: usize) -> Ray<S::Double> {
-        let at = at.min(self.len());
         Ray::new(load3::<S>(&self.o, at), load3::<S>(&self.d, at), load::<S>(&self.eo, at), load::<S>(&self.ed, at))
     }
 
     /// The rays at eight indices.
     #[inline(always)]
-    pub(super) fn pick<S: Simd>(&self, at: &[u32; 8]) -> Ray<S::Double> {
-        Ray::new(
-            collect3::<S>(&self.o, at),
-            collect3::<S>(&self.d, at),
-            collect::<S>(&self.eo, at),
-            collect::<S>(&self.ed, at),
-        )
+    pub(super) fn pick<S: Simd>(&self, at: &Eight) -> Ray<S::Double> {
+        Ray::new(at.load3::<S>(&self.o), at.load3::<S>(&self.d), at.load::<S>(&self.eo), at.load::<S>(&self.ed))
     }
 
     pub(super) fn one(&self, i: usize) -> Ray {
-        let v = |a: &[Vec<f64>; 3]| V3 { x: a[0][i], y: a[1][i], z: a[2][i] };
+        let v = |a: &[Column<f64>; 3]| V3 { x: a[0][i], y: a[1][i], z: a[2][i] };
         Ray::new(v(&self.o), v(&self.d), self.eo[i], self.ed[i])
     }
 }
 
 /// What rays met, as shading needs it; one entry a ray.
-#[derive(Default)]
 pub(super) struct Places {
-    pub(super) p: [Vec<f64>; 3],
-    pub(super) ep: Vec<f64>,
-    pub(super) n: [Vec<f64>; 3],
-    pub(super) en: Vec<f64>,
-    pub(super) albedo: [Vec<f64>; 3],
-    pub(super) reflect: Vec<f64>,
-    pub(super) lit: Vec<f64>,
+    pub(super) p: [Column<f64>; 3],
+    pub(super) ep: Column<f64>,
+    pub(super) n: [Column<f64>; 3],
+    pub(super) en: Column<f64>,
+    pub(super) albedo: [Column<f64>; 3],
+    pub(super) reflect: Column<f64>,
+    pub(super) lit: Column<f64>,
     /// What was met, with `packet::INSIDE`; [`NONE`] for nothing.
-    pub(super) met: Vec<u32>,
+    pub(super) met: Column<u32>,
     /// One more than the index into the paths' refined places, 0 where f64 serves.
-    pub(super) refined: Vec<u32>,
+    pub(super) refined: Column<u32>,
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self {
+            p: columns(),
+            ep: column(0.0),
+            n: columns(),
+            en: column(0.0),
+            albedo: columns(),
+            reflect: column(0.0),
+            lit: column(0.0),
+            met: column(NONE),
+            refined: column(0),
+        }
+    }
 }
 
 impl Places {
+    /// Forgets what the first `n` were, as far as rays that meet nothing would not overwrite it.
     pub(super) fn reset(&mut self, n: usize) {
-        for v in self.p.iter_mut().chain(&mut self.n).chain(&mut self.albedo) {
-            v.clear();
-            v.resize(n, 0.0);
+        let n = n.next_multiple_of(8);
+        for v in self.albedo.iter_mut().chain([&mut self.ep, &mut self.en, &mut self.reflect, &mut self.lit]) {
+            v[..n].fill(0.0);
         }
-        for v in [&mut self.ep, &mut self.en, &mut self.reflect, &mut self.lit] {
-            v.clear();
-            v.resize(n, 0.0);
-        }
-        self.met.clear();
-        self.met.resize(n, NONE);
-        self.refined.clear();
-        self.refined.resize(n, 0);
+        self.refined[..n].fill(0);
     }
 
     /// Segments to `light` from the places at eight indices.
     #[inline(always)]
-    pub(super) fn towards<S: Simd>(&self, at: &[u32], light: V3<S::Double>) -> Ray<S::Double> {
-        let mut eight = [0; 8];
-        eight.copy_from_slice(at);
+    pub(super) fn towards<S: Simd>(&self, at: &Eight, light: V3<S::Double>) -> Ray<S::Double> {
         let place = Place {
-            p: collect3::<S>(&self.p, &eight),
-            ep: collect::<S>(&self.ep, &eight),
+            p: at.load3::<S>(&self.p),
+            ep: at.load::<S>(&self.ep),
             n: V3::splat(DVec3::ZERO),
             en: S::Double::splat(0.0),
         };
@@ -125,51 +139,133 @@ impl Places {
     }
 
     pub(super) fn one(&self, i: usize) -> Place {
-        let v = |a: &[Vec<f64>; 3]| V3 { x: a[0][i], y: a[1][i], z: a[2][i] };
+        let v = |a: &[Column<f64>; 3]| V3 { x: a[0][i], y: a[1][i], z: a[2][i] };
         Place { p: v(&self.p), ep: self.ep[i], n: v(&self.n), en: self.en[i] }
     }
-}
 
-#[inline(always)]
-pub(super) fn load<S: Simd>(v: &[f64], at: usize) -> S::Double {
-    let mut lanes = [0.0; 8];
-    let part = &v[at..v.len().min(at + 8)];
-    if let Ok(whole) = part.try_into() {
-        return S::Double::load(whole);
+    /// Whether one of places `at` to `at` + 8 is refined.
+    #[inline(always)]
+    pub(super) fn any_refined(&self, at: usize) -> bool {
+        eight_at(&self.refined, at).iter().any(|&r| r != 0)
     }
-    lanes[..part.len()].copy_from_slice(part);
-    S::Double::load(&lanes)
+}
+
+/// Eight indices of rays, ascending; the first stands in for what is missing.
+#[derive(Clone, Copy)]
+pub(super) struct Eight {
+    at: [u32; 8],
+    count: usize,
+    /// Whether they follow one another without a gap.
+    run: bool,
+}
+
+impl Eight {
+    /// Up to eight of `list[from..n]`.
+    #[inline(always)]
+    pub(super) fn of(list: &Column<u32>, from: usize, n: usize) -> Self {
+        let mut at = *eight_at(list, from);
+        let count = n.saturating_sub(from).min(8);
+        if count < 8 {
+            for k in count..8 {
+                at[k] = if count == 0 { 0 } else { at[0] };
+            }
+        }
+        Self { at, count, run: count == 8 && at[7] - at[0] == 7 }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The index in lane `k`.
+    #[inline(always)]
+    pub(super) fn lane(&self, k: usize) -> usize {
+        self.at[k] as usize
+    }
+
+    #[inline(always)]
+    pub(super) fn load<S: Simd>(&self, v: &Column<f64>) -> S::Double {
+        if self.run {
+            return load::<S>(v, self.at[0] as usize);
+        }
+        let mut lanes = [0.0; 8];
+        for k in 0..8 {
+            lanes[k] = v[self.at[k] as usize];
+        }
+        S::Double::load(&lanes)
+    }
+
+    #[inline(always)]
+    pub(super) fn load3<S: Simd>(&self, v: &[Column<f64>; 3]) -> V3<S::Double> {
+        V3 { x: self.load::<S>(&v[0]), y: self.load::<S>(&v[1]), z: self.load::<S>(&v[2]) }
+    }
+
+    /// Of u32.
+    #[inline(always)]
+    pub(super) fn take(&self, v: &Column<u32>) -> [u32; 8] {
+        if self.run {
+            return *eight_at(v, self.at[0] as usize);
+        }
+        let mut lanes = [0; 8];
+        for k in 0..8 {
+            lanes[k] = v[self.at[k] as usize];
+        }
+        lanes
+    }
+
+    #[inline(always)]
+    pub(super) fn store<D: Double>(&self, x: D, to: &mut Column<f64>) {
+        if self.run {
+            return store(x, to, self.at[0] as usize);
+        }
+        let mut lanes = [0.0; 8];
+        x.store(&mut lanes);
+        for k in 0..self.count {
+            to[self.at[k] as usize] = lanes[k];
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn store3<D: Double>(&self, x: V3<D>, to: &mut [Column<f64>; 3]) {
+        self.store(x.x, &mut to[0]);
+        self.store(x.y, &mut to[1]);
+        self.store(x.z, &mut to[2]);
+    }
+}
+
+/// Elements `at` to `at` + 8.
+#[inline(always)]
+pub(super) fn eight_at<T>(v: &Column<T>, at: usize) -> &[T; 8] {
+    match v[at..at + 8].first_chunk() {
+        Some(eight) => eight,
+        None => unreachable!("eight are eight"),
+    }
 }
 
 #[inline(always)]
-pub(super) fn load3<S: Simd>(v: &[Vec<f64>; 3], at: usize) -> V3<S::Double> {
+pub(super) fn eight_at_mut<T>(v: &mut Column<T>, at: usize) -> &mut [T; 8] {
+    match v[at..at + 8].first_chunk_mut() {
+        Some(eight) => eight,
+        None => unreachable!("eight are eight"),
+    }
+}
+
+#[inline(always)]
+pub(super) fn load<S: Simd>(v: &Column<f64>, at: usize) -> S::Double {
+    S::Double::load(eight_at(v, at))
+}
+
+#[inline(always)]
+pub(super) fn load3<S: Simd>(v: &[Column<f64>; 3], at: usize) -> V3<S::Double> {
     V3 { x: load::<S>(&v[0], at), y: load::<S>(&v[1], at), z: load::<S>(&v[2], at) }
+}
+
+#[inline(always)]
+pub(super) fn store<D: Double>(x: D, to: &mut Column<f64>, at: usize) {
+    x.store(eight_at_mut(to, at));
 }
 
 #[inline(always)]
 pub(super) fn three<S: Simd>(lanes: &[[f64; 8]], at: usize) -> V3<S::Double> {
     V3 { x: S::Double::load(&lanes[at]), y: S::Double::load(&lanes[at + 1]), z: S::Double::load(&lanes[at + 2]) }
-}
-
-#[inline(always)]
-pub(super) fn collect<S: Simd>(v: &[f64], at: &[u32; 8]) -> S::Double {
-    let mut lanes = [0.0; 8];
-    for k in 0..8 {
-        lanes[k] = v[at[k] as usize];
-    }
-    S::Double::load(&lanes)
-}
-
-#[inline(always)]
-pub(super) fn collect3<S: Simd>(v: &[Vec<f64>; 3], at: &[u32; 8]) -> V3<S::Double> {
-    V3 { x: collect::<S>(&v[0], at), y: collect::<S>(&v[1], at), z: collect::<S>(&v[2], at) }
-}
-
-#[inline(always)]
-pub(super) fn scatter<D: Double>(x: D, to: &mut [f64], at: &[u32]) {
-    let mut lanes = [0.0; 8];
-    x.store(&mut lanes);
-    for (&i, x) in at.iter().zip(lanes) {
-        to[i as usize] = x;
-    }
 }

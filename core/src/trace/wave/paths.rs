@@ -1,6 +1,8 @@
 //! What a wave keeps of each path, and its way to wide arithmetic.
 
-use crate::geometry::{ObjectId, V3};
+use glam::DVec3;
+
+use crate::geometry::{ObjectId, U, V3};
 use crate::scene::Pigment;
 use crate::trace::arbiter::Decision;
 use crate::trace::camera::PlanePoint;
@@ -9,26 +11,28 @@ use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
 use crate::trace::record::Recording;
 use crate::trace::shade;
-use crate::trace::{Refinement, Sample, Tracer};
+use crate::trace::{RayCounts, Refinement, Tracer};
 
-use super::lanes::{Places, Rays};
+use super::lanes::{Column, Places, Rays};
 
 /// The paths of one wave.
 pub(super) struct Paths<'a, 'r> {
     pub(super) tracer: &'a Tracer,
     pub(super) points: &'a [PlanePoint],
-    pub(super) out: &'a mut [Sample],
-    /// Rays of each path so far.
+    /// The light each path has gathered.
+    pub(super) radiance: &'a mut [Column<f64>; 3],
+    /// Rays of each path so far; empty where no path outgrows a wave.
     pub(super) mirrors: &'a mut [u32],
     pub(super) shadows: &'a mut [u32],
+    /// Rays of all of them.
+    pub(super) counts: RayCounts,
     /// Per step, what each path met.
-    pub(super) trails: &'a mut Vec<Vec<u32>>,
+    pub(super) trails: &'a mut Vec<Column<u32>>,
     pub(super) query: &'a mut Scratch,
     /// Wide arithmetic of the paths that needed it; empty until one does.
     pub(super) courts: Vec<Option<Box<Court>>>,
     /// Places of this step that f64 alone would misplace.
     pub(super) refined_places: Vec<Refined>,
-    pub(super) refined: u64,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
     /// Where paths are recorded, if they are.
@@ -36,9 +40,77 @@ pub(super) struct Paths<'a, 'r> {
 }
 
 impl Paths<'_, '_> {
+    /// Adds light to what `path` has gathered.
+    #[inline(always)]
+    pub(super) fn shine(&mut self, path: usize, light: DVec3) {
+        for (sum, x) in self.radiance.iter_mut().zip(light.to_array()) {
+            sum[path] += x;
+        }
+    }
+
+    /// Counts shadow rays from the places `at`.
+    #[inline(always)]
+    pub(super) fn count_shadows(&mut self, rays: &Rays, at: &[u32]) {
+        self.counts.shadow += at.len() as u64;
+        if !self.shadows.is_empty() {
+            for &i in at {
+                self.shadows[rays.path[i as usize] as usize] += 1;
+            }
+        }
+    }
+
+    /// Counts mirrored rays.
+    #[inline(always)]
+    pub(super) fn count_mirrors(&mut self, next: &Rays) {
+        self.counts.mirror += next.count as u64;
+        if !self.mirrors.is_empty() {
+            for &path in &next.path[..next.count] {
+                self.mirrors[path as usize] += 1;
+            }
+        }
+    }
+
+    /// Whether a recorded path goes on with `throughput`; notes what is lost where it does not.
+    #[inline(never)]
+    pub(super) fn follows(&mut self, path: usize, throughput: f64, deeper: bool) -> bool {
+        let step = self.step as u32 + 1;
+        let Some(r) = &mut self.record else { return true };
+        if !deeper || throughput < r.least {
+            r.lose(path, throughput);
+            return false;
+        }
+        r.want(path).goes_beyond(step)
+    }
+
+    /// Puts what wide arithmetic knows of the cosines towards `light` at places `at` to `at` + 8.
+    #[inline(never)]
+    pub(super) fn wide_cosines(&self, places: &Places, at: usize, light: usize, cosines: &mut [f64; 8]) {
+        let light = self.tracer.prepared.scene.lights()[light];
+        for (lane, cosine) in cosines.iter_mut().enumerate() {
+            let refined = places.refined[at + lane] as usize;
+            if refined != 0
+                && let Some(hit) = &self.refined_places[refined - 1].hit
+            {
+                *cosine = hit.cosine(light);
+            }
+        }
+    }
+
+    /// Puts what wide arithmetic knows of the ray mirrored at place `i` into its lane of d and ed.
+    #[inline(never)]
+    pub(super) fn mirrored(&self, places: &Places, i: usize, lane: usize, lanes: &mut [[f64; 8]; 4]) {
+        if self.tracer.refinement == Refinement::Off && places.en[i] == shade::TAKEN {
+            lanes[3][lane] = 4.0 * U;
+        }
+        if places.refined[i] != 0 {
+            let d = self.refined_places[places.refined[i] as usize - 1].mirrored;
+            (lanes[0][lane], lanes[1][lane], lanes[2][lane], lanes[3][lane]) = (d.x, d.y, d.z, 4.0 * U);
+        }
+    }
+
     /// Puts a question about `path` to its court, with what that path met before this step.
     fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Court, &Case<'_>) -> A) -> A {
-        self.refined += 1;
+        self.counts.refined += 1;
         if self.courts.is_empty() {
             self.courts.resize_with(self.points.len(), || None);
         }

@@ -1,0 +1,170 @@
+//! The light that reaches places, and what of it goes along the paths.
+
+use glam::DVec3;
+
+use super::lanes::{Column, Eight, Places, Rays, column, eight_at, eight_at_mut, load, load3};
+use super::paths::Paths;
+use super::{PATHS, Stage};
+use crate::geometry::V3;
+use crate::simd::{Double, LANES, Simd};
+use crate::trace::packet::{self, NONE, Packet, Walk};
+use crate::trace::shade;
+
+/// Shadow segments towards one light.
+pub(super) struct Shadows {
+    count: usize,
+    /// Indices of the places they start from; ascending.
+    at: Column<u32>,
+    cosine: Column<f64>,
+}
+
+impl Default for Shadows {
+    fn default() -> Self {
+        Self { count: 0, at: column(0), cosine: column(0.0) }
+    }
+}
+
+const FIRST_EIGHT: [u32; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
+
+impl Stage<'_> {
+    /// Adds up the light that reaches each place.
+    #[inline(always)]
+    pub(super) fn light<S: Simd>(
+        &self,
+        rays: &Rays,
+        places: &mut Places,
+        shadows: &mut Shadows,
+        packet: &mut Packet,
+        walk: &mut Walk,
+        paths: &mut Paths,
+    ) {
+        for (k, &light) in self.tracer.prepared.local.lights.iter().enumerate() {
+            let light = V3::<S::Double>::splat(light);
+            self.facing::<S>(rays, places, k, light, shadows, paths);
+            for first in (0..shadows.count).step_by(LANES) {
+                let low = Eight::of(&shadows.at, first, shadows.count);
+                let high = Eight::of(&shadows.at, first + 8, shadows.count);
+                let near =
+                    self.fill::<S>(packet, &places.towards::<S>(&low, light), &places.towards::<S>(&high, light));
+                packet.own[..8].copy_from_slice(&low.take(&places.met));
+                packet.own[8..].copy_from_slice(&high.take(&places.met));
+                let all = ((1u32 << LANES.min(shadows.count - first)) - 1) as u16;
+                packet.active = all & near;
+                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, walk);
+                let mut open = all & !near;
+                for d in &walk.doubts {
+                    open |= 1 << d.lane;
+                }
+                while open != 0 {
+                    let lane = open.trailing_zeros() as usize;
+                    open &= open - 1;
+                    let i = shadows.at[first + lane] as usize;
+                    let candidates = walk.doubts.iter().filter(|d| usize::from(d.lane) == lane).map(|d| d.id);
+                    let candidates = (near >> lane & 1 == 1).then_some(candidates);
+                    if paths.settle_shadow(rays, places, i, k, candidates) {
+                        blocked |= 1 << lane;
+                    }
+                }
+                let lit = all & !blocked;
+                if let Some(r) = &mut paths.record {
+                    for lane in packet::lanes(lit) {
+                        r.see(rays.path[shadows.at[first + lane] as usize] as usize, k);
+                    }
+                }
+                for (at, eight, lit) in [(first, low, lit as u8), (first + 8, high, (lit >> 8) as u8)] {
+                    if lit != 0 {
+                        let mut cosines = [0.0; 8];
+                        for (lane, (to, x)) in cosines.iter_mut().zip(eight_at(&shadows.cosine, at)).enumerate() {
+                            *to = if lit >> lane & 1 == 1 { *x } else { 0.0 };
+                        }
+                        let sum = eight.load::<S>(&places.lit) + S::Double::load(&cosines);
+                        eight.store(sum, &mut places.lit);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Lists the places that face `light`, the `k`-th, and would show it.
+    #[inline(always)]
+    fn facing<S: Simd>(
+        &self,
+        rays: &Rays,
+        places: &Places,
+        k: usize,
+        light: V3<S::Double>,
+        shadows: &mut Shadows,
+        paths: &mut Paths,
+    ) {
+        shadows.count = 0;
+        for at in (0..rays.count).step_by(8) {
+            let mut cosine = shade::incidence(&places.eight::<S>(at), light).cosine;
+            let mut faces = cosine.positive();
+            if places.any_refined(at) {
+                let mut cosines = [0.0; 8];
+                cosine.store(&mut cosines);
+                paths.wide_cosines(places, at, k, &mut cosines);
+                cosine = S::Double::load(&cosines);
+                faces = cosine.positive();
+            }
+            // What met nothing has no albedo.
+            let albedo = load3::<S>(&places.albedo, at);
+            faces &= (albedo.x + albedo.y + albedo.z).positive() & (0xff >> (8 - 8.min(rays.count - at)));
+            if let Some(record) = &paths.record {
+                for lane in packet::lanes(u16::from(faces)) {
+                    let want = record.want(rays.path[at + lane] as usize);
+                    if !want.looks_for(paths.step as u32 + 1, k as u32) {
+                        faces &= !(1 << lane);
+                    }
+                }
+            }
+            let indices = FIRST_EIGHT.map(|lane| at as u32 + lane);
+            *eight_at_mut(&mut shadows.at, shadows.count) = S::compress(&indices, faces);
+            cosine.compress(faces).store(eight_at_mut(&mut shadows.cosine, shadows.count));
+            shadows.count += faces.count_ones() as usize;
+        }
+        paths.count_shadows(rays, &shadows.at[..shadows.count]);
+    }
+
+    /// Adds what each place sends along its path.
+    #[inline(always)]
+    pub(super) fn gather<S: Simd>(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
+        for at in (0..rays.count).step_by(8) {
+            let albedo = load3::<S>(&places.albedo, at);
+            // What met nothing has no albedo, and sends nothing.
+            let share = load::<S>(&rays.throughput, at) * load::<S>(&places.lit, at);
+            let direct = albedo * share;
+            let (count, path) = (8.min(rays.count - at), eight_at(&rays.path, at));
+            if count == 8 && path[7] - path[0] == 7 {
+                let to = path[0] as usize;
+                for (sum, x) in paths.radiance.iter_mut().zip([direct.x, direct.y, direct.z]) {
+                    (load::<S>(sum, to) + x).store(eight_at_mut(sum, to));
+                }
+            } else {
+                let mut lanes = [[0.0; 8]; 3];
+                direct.x.store(&mut lanes[0]);
+                direct.y.store(&mut lanes[1]);
+                direct.z.store(&mut lanes[2]);
+                for lane in 0..count {
+                    let light = DVec3::new(lanes[0][lane], lanes[1][lane], lanes[2][lane]);
+                    paths.shine(path[lane] as usize, light);
+                }
+            }
+        }
+        if paths.record.is_some() {
+            self.record_light(rays, places, paths);
+        }
+    }
+
+    fn record_light(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
+        let Some(record) = &mut paths.record else { return };
+        for i in (0..rays.count).filter(|&i| places.met[i] != NONE) {
+            let color = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
+            if color != DVec3::ZERO {
+                record.add(rays.path[i] as usize, color * (rays.throughput[i] * places.lit[i]));
+            }
+        }
+    }
+}
+
+const _: () = assert!(PATHS.is_multiple_of(LANES));
