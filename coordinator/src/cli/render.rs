@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use coordinator::{Farm, Goal, Pixels, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
-use tessera_core::film::PixelsRef;
 use tessera_core::film::file::{Output, write_text};
+use tessera_core::film::{PixelsRef, pixels_sha256};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -196,12 +196,22 @@ fn finish(
         Pixels::F32(p) => PixelsRef::F32(p),
     };
     let failed = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, e);
-    output.write(rendered.region.width(), rendered.region.height(), pixels).map_err(|e| failed(&e))?;
-    phases.write = writing.elapsed();
+    let write = || {
+        let written = output.write(rendered.region.width(), rendered.region.height(), pixels);
+        (written, writing.elapsed())
+    };
+    // The report's hash takes about as long as the picture's file.
+    let hash = || match (&options.report, pixels) {
+        (Some(_), PixelsRef::F32(pixels)) => Some(pixels_sha256(pixels)),
+        _ => None,
+    };
+    let ((written, took), pixels_sha256) = rayon::join(write, hash);
+    written.map_err(|e| failed(&e))?;
+    phases.write = took;
     info!(seconds = phases.write.as_secs_f64(), file = %output.path().display(), "picture written");
     let (Some(to), Some(description)) = (&options.report, description) else { return Ok(()) };
     let name = output.path().display().to_string();
-    let report = Report::new(options, name, description, rendered, &phases, began.elapsed());
+    let report = Report::new(options, (name, pixels_sha256), description, rendered, &phases, began.elapsed());
     let text = report.to_text().map_err(|e| failed(&e))?;
     match to {
         ReportTo::Stdout => Console::new().out(&text),

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use coordinator::{Pixels, Rendered, TileSize, WorkerStats};
+use coordinator::{Rendered, TileSize, WorkerStats};
 use serde::Serialize;
-use tessera_core::film::{Region, pixels_sha256};
+use tessera_core::film::Region;
 use tessera_core::settings::{Sampling, Transfer};
 use tessera_core::trace::RayCounts;
 
@@ -197,10 +197,10 @@ pub(crate) fn transfer_name(transfer: Transfer) -> &'static str {
 }
 
 impl<'a> Report<'a> {
-    /// The report of `rendered`. The hash is `None` where no floats were asked for.
+    /// The report of `rendered`, written to `output`. The hash is `None` where no floats were asked for.
     pub(crate) fn new(
         options: &Options,
-        output: String,
+        (output, pixels_sha256): (String, Option<String>),
         scene: &'a Description,
         rendered: &'a Rendered,
         phases: &Phases,
@@ -213,10 +213,7 @@ impl<'a> Report<'a> {
             version: env!("CARGO_PKG_VERSION"),
             complete: rendered.is_complete(),
             output,
-            pixels_sha256: match &rendered.image {
-                Pixels::F32(pixels) => Some(pixels_sha256(pixels)),
-                _ => None,
-            },
+            pixels_sha256,
             seconds: Seconds {
                 read: phases.read.as_secs_f64(),
                 build: phases.build.as_secs_f64(),

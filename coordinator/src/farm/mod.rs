@@ -37,6 +37,8 @@ const HEARD: usize = 16;
 const STREAMS: u32 = 8;
 /// Bytes of results that one connection may have on their way.
 const WINDOW: u32 = 4 << 20;
+/// Bytes of results at a time: many to a tile, so that a heartbeat does not wait long behind them.
+const FRAME: u32 = 128 << 10;
 
 /// A farm that listens, so that a busy port is known before anything is read or traced.
 #[derive(Debug)]
@@ -105,6 +107,7 @@ impl Farm {
             .max_concurrent_streams(STREAMS)
             .initial_stream_window_size(WINDOW)
             .initial_connection_window_size(WINDOW)
+            .max_frame_size(FRAME)
             .http2_keepalive_interval(Some(KEEPALIVE_INTERVAL))
             .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
             .add_service(Service(door.clone()).into_server())

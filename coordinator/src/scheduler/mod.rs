@@ -38,8 +38,10 @@
 //! # Sizes
 //!
 //! Each worker gets a share of what is left, as large as its measured speed among all,
-//! halved (guided self-scheduling after Polychronopoulos and Kuck, 1987), but no more than
-//! [`LONGEST`] and no less than [`SHORTEST`] of its time.
+//! halved (guided self-scheduling after Polychronopoulos and Kuck, 1987), less where tiles have
+//! turned out to cost very unlike amounts, but no more than [`LONGEST`] and no less than
+//! [`SHORTEST`] of its time. A quick worker holds several, so that it has work while answers and
+//! leases wait for a processor; what it has not begun at the end goes to whoever is idle.
 
 mod cutter;
 mod message;
@@ -194,6 +196,8 @@ impl Scheduler {
         (self.pixels_done, self.tiles_done) = (0, 0);
         for w in self.workers.values_mut() {
             w.rate = w.rate.map(|rate| rate / dearer.max(0.01));
+            w.slowest = w.slowest.map(|rate| rate / dearer.max(0.01));
+            w.slowest = w.slowest.map(|rate| rate / dearer.max(0.01));
         }
     }
 

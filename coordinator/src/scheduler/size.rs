@@ -2,12 +2,20 @@
 
 use std::time::Duration;
 
-use super::{Effect, LONGEST, MAX_COPIES, SHORTEST, Scheduler, Tile, WorkerKey};
+use tessera_proto::LeaseId;
+
+use super::worker::Worker;
+use super::{Effect, LONGEST, MAX_COPIES, MAX_DEPTH, SHORTEST, Scheduler, Tile, WorkerKey};
 
 /// Pixels that one thread is given while nothing is measured, at one sample a pixel.
 const PROBE: f64 = 4096.0;
 /// The least pixels worth a tile while nothing is measured.
 const LEAST_PROBE: f64 = 256.0;
+/// Work that a worker is given ahead: on a machine whose cores all render, its answers and the
+/// next leases wait for their turn about as long.
+const AHEAD: Duration = Duration::from_millis(10);
+/// One part of a picture counts as at most so many times as dear as it is on the whole.
+const MOST_SPREAD: f64 = 16.0;
 /// Only what is overdue by this much more is taken to be overdue.
 const SLACK: Duration = Duration::from_millis(20);
 
@@ -16,10 +24,11 @@ impl Scheduler {
     pub(super) fn grant_all(&mut self, effects: &mut Vec<Effect>) {
         // One lease each in turn, so that the first to come does not take it all.
         loop {
+            let rest = self.rest();
             let mut with_room: Vec<(usize, WorkerKey)> = self
                 .workers
                 .iter()
-                .filter(|(_, w)| w.is_fit() && w.leases.len() < w.depth)
+                .filter(|(_, w)| w.is_fit() && self.has_room(w, rest))
                 .map(|(&k, w)| (w.leases.len(), k))
                 .collect();
             with_room.sort_unstable();
@@ -34,6 +43,31 @@ impl Scheduler {
             }
         }
         self.assist(effects);
+    }
+
+    /// Pixels that `worker` holds.
+    fn held(&self, worker: &Worker) -> f64 {
+        worker.leases.iter().map(|l| self.tiles[&self.open[l].tile].region.area() as f64).sum()
+    }
+
+    /// How long all workers together will take for what is not done, if that is known.
+    fn rest(&self) -> Duration {
+        let fit = || self.workers.iter().filter(|(_, w)| w.is_fit());
+        let rate: f64 = fit().filter_map(|(&k, _)| self.rate_of(k)).sum();
+        let pixels = self.cutter.pixels_left() as f64 + fit().map(|(_, w)| self.held(w)).sum::<f64>();
+        if rate > 0.0 { Duration::from_secs_f64((pixels / rate).min(1e9)) } else { Duration::MAX }
+    }
+
+    /// Whether `worker` should be given more, where all will take `rest` for what there is.
+    fn has_room(&self, worker: &Worker, rest: Duration) -> bool {
+        let leases = worker.leases.len();
+        match worker.rate {
+            _ if leases < worker.depth => true,
+            _ if leases >= MAX_DEPTH => false,
+            None => false,
+            // Not what others will be waiting for.
+            Some(rate) => Duration::from_secs_f64((self.held(worker) / rate.max(1.0)).min(1e9)) < AHEAD.min(rest / 2),
+        }
     }
 
     /// The next tile for `worker`: one that failed elsewhere, else one cut for it.
@@ -68,8 +102,10 @@ impl Scheduler {
             return (left * share / 4.0).max(LEAST_PROBE).min(probe.max(64.0)) as u64;
         };
         let all: f64 = self.workers.iter().filter(|(_, w)| w.is_fit()).filter_map(|(&k, _)| self.rate_of(k)).sum();
-        // A quarter of what is left, since one part of a picture can cost many times another.
-        let fair = left * rate / (all + missing * rate) / 4.0;
+        // A quarter of what is left, and less where tiles differ in their cost: one that is as dear as
+        // the dearest so far must not keep the others waiting at the end.
+        let spread = w.slowest.map_or(1.0, |slowest| (rate / slowest).clamp(1.0, MOST_SPREAD));
+        let fair = left * rate / (all + missing * rate) / (4.0 * spread.sqrt());
         // The ceiling is what counts where the two disagree: a slow worker's least is still little.
         fair.max(rate * SHORTEST.as_secs_f64()).min(rate * LONGEST.as_secs_f64()).max(64.0) as u64
     }
@@ -107,7 +143,9 @@ impl Scheduler {
                 }
                 let own = self.time_for(worker, tile.region.area());
                 let (rest, due) = self.expected_rest(tile);
-                if rest > own.mul_f64(1.25) + SLACK / 4 {
+                // What nobody has begun is taken off its holder as soon as that is quicker.
+                let slack = if tile.leases.iter().any(|l| self.is_begun(l)) { SLACK / 4 } else { SHORTEST / 4 };
+                if rest > own.mul_f64(1.25) + slack {
                     if latest.is_none_or(|(r, _)| rest > r) {
                         latest = Some((rest, id));
                     }
@@ -119,6 +157,12 @@ impl Scheduler {
                 self.grant(worker, tile, effects);
             }
         }
+    }
+
+    /// Whether its holder is likely to render `lease` by now.
+    fn is_begun(&self, lease: &LeaseId) -> bool {
+        let holder = &self.workers[&self.open[lease].worker];
+        holder.leases.iter().take(holder.running).any(|l| l == lease)
     }
 
     fn time_for(&self, worker: WorkerKey, area: u64) -> Duration {

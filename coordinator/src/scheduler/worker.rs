@@ -32,6 +32,8 @@ pub(super) struct Worker {
     pub(super) depth: usize,
     /// Pixels a second, once measured.
     pub(super) rate: Option<f64>,
+    /// The least that `rate` would have been by one tile alone.
+    pub(super) slowest: Option<f64>,
     /// When it last delivered, or became idle or ready.
     pub(super) last_delivery: Duration,
 }
@@ -50,6 +52,7 @@ impl Worker {
             running,
             depth: running + 1,
             rate: None,
+            slowest: None,
             last_delivery: now,
         }
     }
@@ -65,6 +68,10 @@ impl Worker {
         let rate = area as f64 / busy.as_secs_f64().max(1e-6);
         // Neighbouring tiles are alike, but one cheap tile should not set the size of all.
         let measured_before = self.rate.is_some();
+        // The first tile warms up memory and tells little.
+        if measured_before {
+            self.slowest = Some(self.slowest.map_or(rate, |old| old.min(rate)));
+        }
         self.rate = Some(self.rate.map_or(rate, |old| (old * rate).sqrt()));
         if measured_before && was_full && 10 * idle > busy && self.depth < MAX_DEPTH {
             self.depth += 1;
