@@ -407,17 +407,20 @@ impl Stage<'_> {
     /// Records what each ray met.
     fn record(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
         let Some(record) = &mut paths.record else { return };
+        let depth = paths.step as u32 + 1;
         for i in 0..rays.len() {
-            let throughput = rays.throughput[i];
+            let (path, throughput) = (rays.path[i] as usize, rays.throughput[i]);
             if places.met[i] == NONE {
-                let nowhere = (DVec3::ZERO, DVec3::ZERO);
-                record.meet(rays.path[i] as usize, NONE, nowhere, self.tracer.background * throughput);
+                let nowhere = || (DVec3::ZERO, DVec3::ZERO);
+                record.meet(path, depth, NONE, nowhere, self.tracer.background * throughput);
                 continue;
             }
-            let place = places.one(i);
             let albedo = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
-            let at = (place.p.to_dvec3(), place.n.to_dvec3());
-            record.meet(rays.path[i] as usize, places.met[i], at, albedo * throughput);
+            let at = || {
+                let place = places.one(i);
+                (place.p.to_dvec3(), place.n.to_dvec3())
+            };
+            record.meet(path, depth, places.met[i], at, albedo * throughput);
         }
     }
 
@@ -434,7 +437,12 @@ impl Stage<'_> {
     ) {
         let n = rays.len();
         let scene = &self.tracer.prepared.scene;
+        let depth = paths.step as u32 + 1;
+        let any = paths.record.as_ref().and_then(|r| r.any_lights(&rays.path, depth));
         for (k, &light) in self.tracer.prepared.local.lights.iter().enumerate() {
+            if any.as_ref().is_some_and(|any| any[k / 64] >> (k % 64) & 1 == 0) {
+                continue;
+            }
             let light = V3::<S::Double>::splat(light);
             shadows.at.clear();
             shadows.cosine.clear();
@@ -454,11 +462,7 @@ impl Stage<'_> {
                     if lit >> lane & 1 == 0 || places.met[i] == NONE {
                         continue;
                     }
-                    if paths
-                        .record
-                        .as_ref()
-                        .is_some_and(|r| !r.want(rays.path[i] as usize).looks_for(paths.step as u32 + 1, k as u32))
-                    {
+                    if paths.record.as_ref().is_some_and(|r| !r.looks_for(rays.path[i] as usize, depth, k as u32)) {
                         continue;
                     }
                     if places.albedo[0][i] != 0.0 || places.albedo[1][i] != 0.0 || places.albedo[2][i] != 0.0 {
@@ -557,7 +561,7 @@ impl Stage<'_> {
                         r.lose(path, throughput);
                         continue;
                     }
-                    if !r.want(path).goes_beyond(step as u32 + 1) {
+                    if !r.goes_beyond(path, step as u32 + 1) {
                         continue;
                     }
                 }
