@@ -61,7 +61,7 @@ const SPOTS: usize = 24;
 /// Looks at the spots, at most.
 const LOOKS: u32 = 4;
 /// The share of the error asked for that is aimed at: estimates err.
-const AIM: f64 = 0.8;
+const AIM: f64 = 0.9;
 /// Errors fall with the tolerance to about this power, over the scenes measured.
 const ERROR_POWER: f64 = 0.85;
 /// Time rises with the inverse of the tolerance to about this power.

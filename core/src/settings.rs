@@ -163,10 +163,10 @@ impl Quality {
     #[must_use]
     pub fn tolerance(self) -> Tolerance {
         let steps = match self {
-            Self::Draft => 6.0,
+            Self::Draft => 8.0,
             Self::Preview => 1.0,
-            Self::Final => 0.06,
-            Self::Reference => 0.01,
+            Self::Final => 0.08,
+            Self::Reference => 0.04,
         };
         Tolerance::new(steps / 255.0)
     }

@@ -28,6 +28,11 @@ fn within(document: &Document, steps: f64, size: (u32, u32)) -> (Vec<[f32; 3]>, 
     (tile.pixels, sigma, rays)
 }
 
+/// The same by `grid` × `grid` points in every pixel.
+fn uniformly(document: &Document, grid: u32, (w, h): (u32, u32)) -> Vec<[f32; 3]> {
+    tracer(document, (w, h), Sampling::Uniform { grid }).render(Region::new(0, 0, w, h).unwrap()).0.pixels
+}
+
 /// Sum of the first component.
 fn sum(pixels: &[[f32; 3]]) -> f64 {
     pixels.iter().map(|p| f64::from(p[0])).sum()
@@ -61,6 +66,18 @@ fn disc(centre: DVec3, radius: f64, height: u32) -> f64 {
     PI * (sine * cosine / rest) * (sine / rest.sqrt()) * f64::from(height * height)
 }
 
+/// Pixels that a polygon before the camera covers, if it is all in the picture.
+fn polygon(corners: &[DVec3], height: u32) -> f64 {
+    let at: Vec<(f64, f64)> = corners.iter().map(|c| (c.x / c.z, c.y / c.z)).collect();
+    let twice: f64 = (0..at.len())
+        .map(|i| {
+            let (a, b) = (at[i], at[(i + 1) % at.len()]);
+            a.0 * b.1 - a.1 * b.0
+        })
+        .sum();
+    0.5 * twice.abs() * f64::from(height * height)
+}
+
 /// Pixels' worth of black on a white background.
 fn covered(document: &Document, steps: f64) -> f64 {
     f64::from(SIZE.0 * SIZE.1) - sum(&within(document, steps, SIZE).0)
@@ -68,13 +85,31 @@ fn covered(document: &Document, steps: f64) -> f64 {
 
 #[test]
 fn discs_cover_what_geometry_says() {
-    for (x, y, r) in [(0.0, 0.0, 1.0), (0.37, -0.21, 0.6), (0.2, 0.9, 0.3)] {
+    for (x, y, r) in [(0.0, 0.0, 1.0), (0.37, -0.21, 0.6), (1.1, 0.4, 0.05), (-0.9, 0.33, 0.031), (0.2, 0.9, 0.3)] {
         let centre = DVec3::new(x, y, 4.0);
         let expected = disc(centre, r, SIZE.1);
         let got = covered(&white().sphere(centre, r, black()), 0.25);
-        // Every pixel along the edge, and a few beside it, within the tolerance.
-        let edge = 4.0 + 2.0 * (PI * expected).sqrt();
-        assert!((got - expected).abs() < 0.25 / 255.0 * edge, "{centre} {r}: {got} pixels, not {expected}");
+        // A few thousandths of a pixel of its edge.
+        assert!((got - expected).abs() < 4e-3 * (1.0 + expected.sqrt()), "{centre} {r}: {got} pixels, not {expected}");
+    }
+}
+
+#[test]
+fn straight_edges_and_slivers_cover_what_geometry_says() {
+    let z = 2.0;
+    let at = |x: f64, y: f64| DVec3::new(x * z, y * z, z);
+    let pixel = 1.0 / f64::from(SIZE.1);
+    let cases = [
+        // Edges of all slopes, and triangles thinner than a sixteenth of a pixel.
+        [at(-0.5, -0.4), at(0.52, -0.31), at(0.03, 0.43)],
+        [at(-0.41, -0.2), at(0.43, 0.27), at(0.43, 0.27 + pixel / 16.0)],
+        [at(-0.2, -0.41), at(0.11, 0.42), at(0.11 + pixel / 20.0, 0.42)],
+        [at(-0.5, 0.1003), at(0.5, 0.1004), at(0.5, 0.1004 + pixel / 40.0)],
+    ];
+    for (i, corners) in cases.into_iter().enumerate() {
+        let expected = polygon(&corners, SIZE.1);
+        let got = covered(&white().triangle(corners, black()), 0.25);
+        assert!((got - expected).abs() < 0.01 * expected.max(0.5), "triangle {i}: {got} pixels, not {expected}");
     }
 }
 
@@ -128,6 +163,74 @@ fn edges_without_a_formula_converge_faster_than_points() {
     }
 }
 
+#[test]
+fn no_object_of_a_64th_of_a_pixel_is_missed() {
+    let mut random = Random::new(7);
+    let (w, h) = SIZE;
+    for round in 0..24 {
+        // One small thing in each of many pixels, at any place in it.
+        let z = 10.0;
+        let unit = z / f64::from(h);
+        let (mut document, mut spots) = (white(), Vec::new());
+        for j in (3..h - 3).step_by(4) {
+            for i in (3..w - 3).step_by(4) {
+                let (x, y) = (f64::from(i) + random.unit(), f64::from(j) + random.unit());
+                let centre = DVec3::new((x - 0.5 * f64::from(w)) * unit, (0.5 * f64::from(h) - y) * unit, z);
+                let area: f64 = random.between(1.0 / 64.0, 1.0 / 8.0);
+                document = if round % 2 == 0 {
+                    document.sphere(centre, (area / PI).sqrt() * unit, black())
+                } else {
+                    let long = random.between(0.2, 1.5);
+                    let turn = random.between(0.0, PI);
+                    let a = DVec3::new(libm::cos(turn), libm::sin(turn), 0.0) * (long * unit);
+                    let b = DVec3::new(-a.y, a.x, 0.0) * (2.0 * area / (long * long));
+                    document.triangle([centre, centre + a, centre + b], black())
+                };
+                spots.push((i, j, area));
+            }
+        }
+        let pixels = within(&document, 1.0, SIZE).0;
+        for (i, j, area) in spots {
+            let dark: f64 = (j - 2..=j + 2)
+                .flat_map(|y| (i - 2..=i + 2).map(move |x| (x, y)))
+                .map(|(x, y)| 1.0 - f64::from(pixels[(y * w + x) as usize][0]))
+                .sum();
+            assert!(dark > 0.5 * area, "round {round}, pixel {i},{j}: {dark} of {area} pixels seen");
+        }
+    }
+}
+
+#[test]
+fn small_objects_of_the_same_surface_as_what_is_behind_are_not_missed() {
+    let mut random = Random::new(11);
+    let (w, h) = SIZE;
+    let mut document = Document::new(DVec3::new(0.0, 0.0, 10.0), DVec3::ZERO)
+        .light(3.0, 2.0, 9.0)
+        .light(-9.0, 1.0, 1.0)
+        .plane(DVec3::Z, 0.0, matte(0.4));
+    let unit = 10.0 / f64::from(h);
+    for j in (2..h - 2).step_by(5) {
+        for i in (2..w - 2).step_by(5) {
+            let (x, y) = (f64::from(i) + random.unit(), f64::from(j) + random.unit());
+            let centre = DVec3::new((x - 0.5 * f64::from(w)) * unit, (0.5 * f64::from(h) - y) * unit, 0.0);
+            document = document.sphere(centre, random.between(0.1, 0.5) * unit, matte(0.4));
+        }
+    }
+    let (pixels, truth) = (within(&document, 1.0, SIZE).0, uniformly(&document, 16, SIZE));
+    let plain = Document { items: document.items.iter().take(3).cloned().collect(), ..document.clone() };
+    let plain = uniformly(&plain, 4, SIZE);
+    let (mut seen, mut missed) = (0, 0);
+    for ((p, t), q) in pixels.iter().zip(&truth).zip(&plain) {
+        let (there, shown) = (t[0] - q[0], p[0] - q[0]);
+        if there.abs() > 6.0 / 255.0 {
+            seen += 1;
+            missed += u32::from(shown / there < 0.25);
+        }
+    }
+    assert!(seen > 10, "the scene shows little: {seen}");
+    assert_eq!(missed, 0, "of {seen}");
+}
+
 /// Spheres and triangles at random, some of them mirrors, over a plane.
 fn random_scene(seed: u64) -> Document {
     let mut random = Random::new(seed);
@@ -148,6 +251,41 @@ fn random_scene(seed: u64) -> Document {
         };
     }
     document
+}
+
+#[test]
+#[ignore = "not met on every scene yet"]
+fn estimates_are_honest() {
+    let mut scenes = vec![
+        ("demo", generate::demo()),
+        ("mirrors", generate::mirrors()),
+        ("lights", generate::lights(40, 8)),
+        ("terrain", generate::terrain(16)),
+        ("sphereflake", generate::sphereflake(2)),
+    ];
+    scenes.extend((0..3).map(|seed| ("random", random_scene(seed))));
+    let size = (96, 72);
+    for (i, (name, document)) in scenes.iter().enumerate() {
+        let truth = uniformly(document, 24, size);
+        for steps in [4.0, 0.5] {
+            let (pixels, sigma, _) = within(document, steps, size);
+            let real = 255.0 * rmse(&pixels, &truth);
+            let squares: f64 = sigma.iter().map(|&s| f64::from(s) * f64::from(s)).sum();
+            let expected = 255.0 * (squares / sigma.len() as f64).sqrt();
+            let beyond = pixels
+                .iter()
+                .zip(&truth)
+                .zip(&sigma)
+                // The truth itself is no better than a tenth of a step.
+                .filter(|((p, t), s)| (0..3).any(|k| (p[k] - t[k]).abs() > 4.0 * **s + 0.1 / 255.0))
+                .count();
+            let share = beyond as f64 / sigma.len() as f64;
+            let case = format!("{name} {i}, {steps} steps: {real:.3} for {expected:.3}, {:.2} % beyond", 100.0 * share);
+            println!("{case}");
+            assert!(real < 1.5 * expected + 0.05 && real + 0.05 > expected / 3.0, "{case}");
+            assert!(share < 0.03, "{case}");
+        }
+    }
 }
 
 #[test]

@@ -5,24 +5,23 @@
 //! samples go where that is much. In the order of the work, and of the files:
 //!
 //! - [`super::corners`]: every pixel's corners, followed to their ends and shared by four pixels.
-//! - [`super::small`], [`super::shadow`], [`super::feature`]: what is smaller than a pixel and
-//!   could be missed by the corners, from projected outlines.
-//! - [`super::part`]: radiance as a sum whose summands have few edges each.
-//! - [`super::side`], [`super::outline`]: where edges cross the sides of cells.
-//! - [`super::cell`], [`super::curve`]: areas from crossings, and the variance of their errors.
-//! - [`super::block`]: which cells are refined, until every part of a pixel's error is within the
-//!   tolerance.
+//! - [`super::small`], [`super::shadow`]: what is smaller than a pixel and could be missed by the
+//!   corners, from projected outlines.
+//! - [`super::difference`]: of what the corners see, that which differs and is worth a look.
+//! - [`super::shape`], [`super::strata`]: exact areas of objects seen directly.
+//! - [`super::fit`]: single edges, by bisection.
+//! - [`super::net`]: all else, by points spread evenly, whose differences tell their error.
+//! - [`super::block`], [`super::work`]: which of these a pixel takes, and when it is done.
 //!
-//! The estimate of a pixel's error is the sum of its parts' variances, taken as independent. Each
-//! is what is in doubt (a contrast) times how much of it (an area), with shares found by
-//! comparison with references of 1,024 samples a pixel over scenes of many kinds.
+//! A pixel is done when what more rays would take off its error's variance is worth less than
+//! they cost: limits rise with the rays spent.
 
 use rayon::prelude::*;
 
 use super::block::{self, Pixel};
 use super::corners::Corners;
 use crate::film::{ErrorEstimate, Region, Tile};
-use crate::trace::{RayCounts, Tracer};
+use crate::trace::{RayCounts, Tracer, WaveScratch};
 
 /// Pixels along the edge of the blocks that threads take.
 const BLOCK: u32 = 32;
@@ -41,8 +40,11 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: f64) -> (Tile, 
     for piece in region.blocks(PIECE) {
         let corners = Corners::new(tracer, piece, least);
         counts += corners.counts;
-        let done: Vec<(Region, (Vec<Pixel>, RayCounts))> =
-            piece.blocks(BLOCK).into_par_iter().map(|b| (b, block::render(tracer, &corners, b, tolerance))).collect();
+        let done: Vec<(Region, (Vec<Pixel>, RayCounts))> = piece
+            .blocks(BLOCK)
+            .into_par_iter()
+            .map_init(WaveScratch::default, |scratch, b| (b, block::render(tracer, &corners, b, tolerance, scratch)))
+            .collect();
         for (b, (part, c)) in done {
             counts += c;
             for (k, p) in part.iter().enumerate() {

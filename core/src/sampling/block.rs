@@ -1,37 +1,46 @@
-//! A block of pixels: which of its cells are refined, round after round.
+//! A block of pixels: what of each is known from its corners, and what more is looked at.
 //!
-//! Every pixel begins as one cell with samples at its corners. Where all four see the same
-//! objects, the cell falls apart into parts ([`Part`]) that are judged one by one. What is not
-//! known well enough is looked at closer: crossings on sides by bisection, chords by a look at
-//! their middle, everything else by four cells of half the edge. Every decision is a function
-//! of what is seen in the pixel and at the corners of its neighbours, so that blocks and
-//! regions may be cut anyhow.
+//! Pixels whose corners differ are cut into the parts that objects' outlines leave (see
+//! [`super::strata`]). What is not known then is looked at: a single edge by its crossings
+//! (see [`super::fit`]), everything else by points spread over the pixel (see [`super::net`]),
+//! and of the paths only that which differs between corners. All that the block's pixels want is
+//! traced together, round after round. Every decision is a function of what is seen in the
+//! pixel and at the corners of its neighbours, so that blocks and regions may be cut anyhow.
 
-use std::collections::HashMap;
+use glam::{DVec2, DVec3};
 
-use glam::DVec3;
-
-use super::cell::{Cell, Outcome, SidePlace, integrate};
-use super::corners::Corners;
-use super::curve::{Check, Verdict};
-use super::detail;
-use super::feature::{self, Feature};
-use super::part::Part;
-use super::side::{self, Chain, Entry, Side};
-use super::store::{NONE, SampleId, Store, UNIT, lights_of};
+use super::corners::{Corners, Seen};
+use super::difference::Difference;
+use super::fit::{Fit, Next, Side};
+use super::lattice::{UNIT, plane_origin, rms};
+use super::net;
+use super::small::{Mark, What};
+use super::strata::Strata;
+use super::work::{How, Key, View, Work, place};
 use crate::film::{PixelError, Region};
-use crate::trace::record::Want;
-use crate::trace::{RayCounts, Tracer};
+use crate::trace::record::{Look, Probe, Records};
+use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch};
 
-/// Times a pixel's cell is divided, at most.
-const LEVELS: u32 = 6;
-/// Cells are divided whose error's standard deviation is so many tolerances.
-const DIVIDE: f64 = 2.0;
-/// Edges whose contrast times the cell is less, in tolerances, are not looked beside.
-const BESIDE: f64 = 4.0;
-/// Standard deviation of what neighbours' edges let expect unseen in a pixel, as a share of
-/// their contrast: seen at its corners only, in the middle too, at nine points.
-const HIDDEN: [f64; 3] = [0.3, 0.12, 0.05];
+/// Small things are looked at one by one, where a pixel has no more of them.
+const FEATURES: usize = 6;
+/// Rays that are worth an error of one tolerance in a pixel.
+const WORTH: f64 = 12.0;
+/// Powers of two that a net begins with, and grows by at a time at most.
+const GROWTH: [u32; 2] = [2, 3];
+/// How far a part's middle is from where it was seen.
+const SLOPE: f64 = 0.3;
+/// Standard deviation of a pixel's mean that a shadow's outline passes unseen by corners, as a
+/// share of the light it takes.
+const EXPECTED: f64 = 0.15;
+/// What hides beside a single edge at most, as a share of its contrast's square.
+const CLEAN: f64 = 0.0001;
+/// Nets of so few points, as a power of two, are packets as they come.
+const TOGETHER: u32 = 4;
+/// The same where small things are many.
+const CROWDED: u32 = 4;
+const NONE: u32 = u32::MAX;
+/// A look at what is met first.
+const FIRST: Look = Look { from: NONE, last: 1, lights: 0 };
 
 /// A pixel's value and what is thought of its error.
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,346 +49,414 @@ pub(crate) struct Pixel {
     pub(crate) error: PixelError,
 }
 
-/// A cell with what belongs to its pixel.
-#[derive(Clone)]
-struct Job {
-    pixel: usize,
-    cell: Cell,
-    features: Vec<Feature>,
-    /// Whether to divide it whatever it looks like.
-    divide: bool,
-    /// Its place, or that of the cell it is a part of, among those of the round.
-    root: usize,
-    /// Whether its samples show one part alone.
-    single: bool,
+/// A side of a pixel whose edge is being looked for.
+struct Search {
+    side: Side,
+    start: PlanePoint,
+    horizontal: bool,
+    look: Look,
+    /// What is seen at its start, and at its end.
+    ends: [Key; 2],
+    /// Steps asked for.
+    wanted: u32,
+    asked: u32,
 }
-
-/// A sample on a cell's side, followed to its end.
-#[derive(Clone, Copy, Debug)]
-struct Seen {
-    side: usize,
-    t: i32,
-    sample: SampleId,
-}
-
-/// The edges on the sides of cells.
-struct Edges {
-    chains: Vec<Chain>,
-    /// Per cell, places in `chains`.
-    sides: Vec<[Option<u32>; 4]>,
-}
-
-impl Edges {
-    fn of(&self, cell: usize) -> [Option<&Chain>; 4] {
-        self.sides[cell].map(|s| s.map(|i| &self.chains[i as usize]))
-    }
-}
-
-/// What was seen on the sides of each root cell, the edges found before, and whose they are.
-type Known<'a> = (&'a [Vec<Seen>], &'a Edges, &'a HashMap<(usize, Part), usize>);
 
 struct Block<'a> {
-    store: Store<'a>,
+    tracer: &'a Tracer,
+    corners: &'a Corners,
     region: Region,
     tolerance: f64,
     pixels: Vec<Pixel>,
+    /// Paths through small things.
+    extra: Records,
+    searches: Vec<Search>,
+    /// Of the upper and of the left side of each pixel, places in `searches`.
+    places: Vec<[u32; 2]>,
+    active: Vec<u32>,
+    points: Vec<PlanePoint>,
+    looks: Vec<Look>,
+    lights: Vec<u64>,
+    probes: Vec<Probe>,
+    scratch: &'a mut WaveScratch,
+    counts: RayCounts,
 }
 
 /// Renders a block whose pixels' corners are in `corners`.
-pub(crate) fn render(tracer: &Tracer, corners: &Corners, region: Region, tolerance: f64) -> (Vec<Pixel>, RayCounts) {
-    let least = corners.least;
-    let mut store = Store::new(tracer, &corners.records, region, least);
-    let (w, h) = (region.width(), region.height());
-    for j in 0..=h {
-        for i in 0..=w {
-            store.know(i as i32 * UNIT, j as i32 * UNIT, corners.at(region.x0 + i, region.y0 + j));
-        }
+pub(crate) fn render(
+    tracer: &Tracer,
+    corners: &Corners,
+    region: Region,
+    tolerance: f64,
+    scratch: &mut WaveScratch,
+) -> (Vec<Pixel>, RayCounts) {
+    let mut block = Block {
+        tracer,
+        corners,
+        region,
+        tolerance,
+        pixels: vec![Pixel::default(); region.area() as usize],
+        extra: Records::new(tracer.lights().len()),
+        searches: Vec::new(),
+        places: vec![[NONE; 2]; ((region.width() + 1) * (region.height() + 1)) as usize],
+        active: Vec::new(),
+        points: Vec::new(),
+        looks: Vec::new(),
+        // For looks at no light.
+        lights: vec![0; tracer.lights().len().div_ceil(64)],
+        probes: Vec::new(),
+        scratch,
+        counts: RayCounts::default(),
+    };
+    let mut works = block.roots();
+    while !works.is_empty() {
+        block.trace();
+        works.retain_mut(|w| !block.advance(w));
     }
-    let pixels = vec![Pixel::default(); region.area() as usize];
-    let mut block = Block { store, region, tolerance, pixels };
-    let mut jobs = block.roots(corners);
-    for level in 0..=LEVELS {
-        if jobs.is_empty() {
-            break;
-        }
-        jobs = block.round(jobs, level);
-    }
-    (block.pixels, block.store.counts)
+    (block.pixels, block.counts)
 }
 
 impl Block<'_> {
-    /// One cell for every pixel.
-    fn roots(&mut self, corners: &Corners) -> Vec<Job> {
-        let (w, region, tolerance) = (self.region.width(), self.region, self.tolerance);
-        let mut jobs = Vec::with_capacity(self.pixels.len());
-        let mut looks = Vec::new();
-        for pixel in 0..self.pixels.len() {
-            let (i, j) = (pixel as u32 % w, pixel as u32 / w);
-            let (x, y) = (region.x0 + i, region.y0 + j);
-            let at = [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)].map(|(x, y)| corners.at(x, y));
-            let mut cell = Cell {
-                part: Part::From(1),
-                x: i as i32 * UNIT,
-                y: j as i32 * UNIT,
-                size: UNIT,
-                corners: at,
-                centre: NONE,
-            };
-            feature::look(&mut self.store, (x, y), &cell, pixel, &mut looks);
-            let busy = corners.busy((x, y), tolerance);
-            let mut looked = 0;
-            if HIDDEN[0] * busy > tolerance {
-                cell.centre = self.store.ask(cell.x + UNIT / 2, cell.y + UNIT / 2, Want::From(1));
-                looked = 1;
-            }
-            let divide = HIDDEN[1] * busy > tolerance;
-            if divide {
-                looked = 2;
-            }
-            let hidden = HIDDEN[looked] * busy;
-            self.pixels[pixel].error.samples += hidden * hidden;
-            for s in at {
-                let (faint, deep) = corners.lost(s);
+    fn origin(&self) -> PlanePoint {
+        plane_origin(self.tracer, self.region)
+    }
+
+    /// The square of the standard deviation that is as dear as so many looks of so many rays.
+    fn limit(&self, looks: u32, rays: f64) -> f64 {
+        self.tolerance * self.tolerance * (f64::from(looks.max(4)) * rays / WORTH).max(1.0)
+    }
+
+    fn finish(&mut self, pixel: usize, value: DVec3, variance: f64) {
+        self.pixels[pixel].value = value;
+        self.pixels[pixel].error.samples = variance;
+    }
+
+    fn ask(&mut self, point: PlanePoint, look: Look) -> usize {
+        self.points.push(point);
+        self.looks.push(look);
+        self.points.len() - 1
+    }
+
+    /// Variance of what shadows whose outlines pass do to a pixel whose corners do not show them.
+    fn expected(&self, corner: &Seen, edges: &[Mark]) -> f64 {
+        let Some((_, m)) = self.corners.records.path(corner.path as usize).next() else { return 0.0 };
+        let light =
+            |mark: &Mark| mark.what.light().map_or(0.0, |l| rms(m.unshadowed(self.tracer.lights()[l as usize])));
+        edges.iter().map(|e| EXPECTED * EXPECTED * light(e) * light(e)).sum()
+    }
+
+    /// What needs more than its corners; the rest is settled.
+    fn roots(&mut self) -> Vec<Work> {
+        let (w, h, from) = (self.region.width(), self.region.height(), self.origin());
+        let mut works = Vec::new();
+        let mut marked = Vec::new();
+        // Neighbours in both ways make better packets.
+        let squares = (0..h).step_by(4).flat_map(|j| (0..w).step_by(4).map(move |i| (j, i)));
+        let order = squares
+            .flat_map(|(j0, i0)| (j0..h.min(j0 + 4)).flat_map(move |j| (i0..w.min(i0 + 4)).map(move |i| (j, i))));
+        for (j, i) in order {
+            let pixel = (j * w + i) as usize;
+            let at = (self.region.x0 + i, self.region.y0 + j);
+            let seen = self.corners.of(at);
+            for s in &seen {
+                let (faint, deep) = self.corners.lost(s);
                 self.pixels[pixel].error.weight += 0.25 * faint;
                 self.pixels[pixel].error.depth += 0.25 * deep;
             }
-            jobs.push(Job { pixel, cell, features: Vec::new(), divide, root: 0, single: false });
-        }
-        self.store.flush();
-        feature::take(&mut self.store, looks, |pixel, f| jobs[pixel].features.push(f));
-        jobs
-    }
-
-    /// Settles what is known well enough of `jobs`, and gives the cells that others divide into.
-    fn round(&mut self, jobs: Vec<Job>, level: u32) -> Vec<Job> {
-        let mut parts = self.take_apart(&jobs, None);
-        let edges = self.search(&parts, None);
-        let seen = self.beside(&jobs, &parts, &edges);
-        let edges = if seen.iter().all(Vec::is_empty) {
-            edges
-        } else {
-            let before: HashMap<(usize, Part), usize> =
-                parts.iter().enumerate().map(|(i, p)| ((p.root, p.cell.part), i)).collect();
-            parts = self.take_apart(&jobs, Some(&seen));
-            self.search(&parts, Some((&seen, &edges, &before)))
-        };
-        let mut outcomes: Vec<Outcome> = (0..parts.len()).map(|i| self.judge(&parts[i], edges.of(i))).collect();
-        self.check(&parts, &mut outcomes);
-        self.centre(&mut parts, &edges, &mut outcomes);
-        let mut divided = Vec::new();
-        for (job, o) in parts.into_iter().zip(outcomes) {
-            let limit = DIVIDE * self.tolerance;
-            if level < LEVELS && (o.variance > limit * limit || job.divide) {
-                divided.push(job);
-            } else {
-                let pixel = &mut self.pixels[job.pixel];
-                pixel.value += o.value;
-                pixel.error.samples += o.variance;
-            }
-        }
-        self.divide(divided)
-    }
-
-    /// The parts of cells, as far as their corners, middles and what was `seen` on their sides tell.
-    fn take_apart(&mut self, jobs: &[Job], seen: Option<&[Vec<Seen>]>) -> Vec<Job> {
-        let mut parts = Vec::with_capacity(jobs.len());
-        for (root, job) in jobs.iter().enumerate() {
-            let seen = seen.map_or(&[][..], |s| &s[root][..]);
-            self.take_one_apart(&Job { root, ..job.clone() }, seen, &mut parts);
-        }
-        parts
-    }
-
-    /// Splits a cell that sees the same objects everywhere into its parts.
-    fn take_one_apart(&mut self, job: &Job, seen: &[Seen], parts: &mut Vec<Job>) {
-        let Part::From(first) = job.cell.part else {
-            parts.push(job.clone());
-            return;
-        };
-        if job.divide || job.features.iter().any(Feature::is_object) {
-            parts.push(job.clone());
-            return;
-        }
-        let mut samples: Vec<SampleId> = job.cell.corners.to_vec();
-        samples.extend(seen.iter().map(|s| s.sample));
-        samples.extend(job.features.iter().map(|f| f.sample));
-        if job.cell.centre != NONE {
-            samples.push(job.cell.centre);
-        }
-        for depth in first.. {
-            let with = |part| Job { cell: Cell { part, ..job.cell.clone() }, ..job.clone() };
-            let part = Part::From(depth);
-            let key = self.store.key(samples[0], part);
-            if samples[1..].iter().any(|&s| self.store.key(s, part) != key) {
-                parts.push(with(part));
-                return;
-            }
-            let Some((meeting, words)) = self.store.meeting(samples[0], depth) else { return };
-            if meeting.object().is_none() {
-                parts.push(with(part));
-                return;
-            }
-            let (mut all, mut any) = (words.to_vec(), words.to_vec());
-            for &s in &samples[1..] {
-                let Some((_, words)) = self.store.meeting(s, depth) else { return };
-                for (k, &word) in words.iter().enumerate() {
-                    all[k] &= word;
-                    any[k] |= word;
-                }
-            }
-            let some: Vec<u64> = all.iter().zip(&any).map(|(a, b)| a ^ b).collect();
-            for light in lights_of(&some) {
-                parts.push(with(Part::Light(depth, light as u32)));
-            }
-            if all.iter().any(|&word| word != 0) {
-                let set = self.store.keep(all);
-                parts.push(with(Part::Lights(depth, set)));
-            }
-        }
-    }
-
-    /// Finds the edges on the sides of all cells, beginning with what is known of them.
-    fn search(&mut self, parts: &[Job], known: Option<Known<'_>>) -> Edges {
-        let mut wanted: Vec<Side> = Vec::new();
-        let mut places: HashMap<(Part, bool, i32, i32, i32, usize), u32> = HashMap::new();
-        let mut sides = Vec::with_capacity(parts.len());
-        for job in parts {
-            let c = &job.cell;
-            let earlier = known.and_then(|(_, edges, before)| before.get(&(job.root, c.part)).map(|&i| edges.of(i)));
-            // What was seen beside edges of other parts counts for its own cell alone.
-            let seen = match (known, c.part) {
-                (Some((seen, ..)), _) if !job.single => &seen[job.root][..],
-                _ => &[],
-            };
-            let mut own = [None; 4];
-            for (k, own) in own.iter_mut().enumerate() {
-                let SidePlace { horizontal, fixed, start, ends } = c.side(k);
-                let mut chain = match earlier.and_then(|e| e[k]) {
-                    Some(chain) => chain.clone(),
-                    None => vec![Entry::new(start, ends[0], ends[0]), Entry::new(start + c.size, ends[1], ends[1])],
-                };
-                for s in seen.iter().filter(|s| s.side == k) {
-                    side::insert(&mut chain, s.t, s.sample);
-                }
-                let first = self.store.key(chain[0].sample, c.part);
-                if chain[1..].iter().all(|e| self.store.key(e.sample, c.part) == first) {
+            let marks = self.tracer.marks().of(at.0, at.1);
+            let alike = seen[1..].iter().all(|s| s.signature == seen[0].signature);
+            let hidden = self.corners.hidden(self.tracer, at);
+            let (edges, marks) = marks.split_at(marks.partition_point(|m| matches!(m.what, What::Edge(_))));
+            let expected = self.expected(&seen[0], edges);
+            let hidden = hidden + if alike { expected } else { 0.0 };
+            if alike && marks.is_empty() {
+                let (value, variance) = self.corners.smooth(at);
+                let variance = variance + hidden;
+                let limit = self.tolerance * self.tolerance;
+                if variance <= limit || variance <= self.limit(0, self.corners.rays(&seen[0])) {
+                    self.finish(pixel, value, variance);
                     continue;
                 }
-                let scope = if known.is_some() { job.root } else { 0 };
-                *own = Some(*places.entry((c.part, horizontal, fixed, start, c.size, scope)).or_insert_with(|| {
-                    wanted.push(Side { part: c.part, horizontal, fixed, size: c.size, chain });
-                    wanted.len() as u32 - 1
-                }));
             }
-            sides.push(own);
+            let origin = PlanePoint { x: from.x + UNIT * i as i32, y: from.y - UNIT * j as i32 };
+            let mut work = Work::new(pixel, at, origin, seen, hidden);
+            let few = marks.len() <= FEATURES;
+            for m in marks {
+                if few {
+                    let p = m.at.map(|x| (f64::from(x) * f64::from(UNIT)).round() as i32);
+                    marked.push((works.len(), p, m));
+                    self.ask(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] }, FIRST);
+                }
+            }
+            work.crowded = !few;
+            work.edges = edges.iter().filter_map(|m| m.what.light()).collect();
+            works.push(work);
         }
-        Edges { chains: side::search(&mut self.store, &wanted, self.tolerance), sides }
+        self.trace();
+        // Of objects only those that are there and in no corner are followed further.
+        let probes = std::mem::take(&mut self.probes);
+        let mut firsts = probes.iter().map(|p| p.first);
+        marked.retain(|(work, _, m)| {
+            let first = firsts.next();
+            matches!(m.what, What::Shadow(_)) || works[*work].views.iter().all(|v| Some(v.seen.first) != first)
+        });
+        for (work, p, _) in &marked {
+            let origin = works[*work].origin;
+            self.points.push(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] });
+        }
+        self.tracer.record(&self.points, self.corners.least, &mut self.extra, self.scratch, &mut self.counts);
+        self.points.clear();
+        for (k, (work, p, m)) in marked.into_iter().enumerate() {
+            let at = DVec2::new(f64::from(p[0]), f64::from(p[1])) * (1.0 / f64::from(UNIT));
+            let seen = Seen::new(self.tracer, &self.extra, k);
+            works[work].views.push(View { at, seen, open: seen.value, area: f64::from(m.area), extra: true });
+        }
+        works.retain_mut(|w| !self.open(w));
+        works
     }
 
-    /// Looks right beside the edges found: what else differs there comes to light.
-    fn beside(&mut self, jobs: &[Job], parts: &[Job], edges: &Edges) -> Vec<Vec<Seen>> {
-        let mut seen = vec![Vec::new(); jobs.len()];
-        for (i, part) in parts.iter().enumerate() {
-            let Part::From(first) = jobs[part.root].cell.part else { continue };
-            let c = &part.cell;
-            for (k, chain) in edges.of(i).into_iter().enumerate() {
-                for pair in chain.map_or(&[][..], |c| c).windows(2) {
-                    let (a, b) = (&pair[0], &pair[1]);
-                    if self.store.key(a.sample, c.part) == self.store.key(b.sample, c.part)
-                        || self.store.contrast(a.like, b.like, c.part) * c.edge() * c.edge() < BESIDE * self.tolerance
-                        || (b.t - a.t == c.size && a.next.is_some() && a.doubt == 0.0)
-                    {
-                        continue;
+    /// Decides how to go on with a pixel. Whether that is settled.
+    fn open(&mut self, work: &mut Work) -> bool {
+        let around = self.corners.around(work.at);
+        if work.views.iter().all(|v| v.seen.signature == work.views[0].seen.signature) && !work.crowded {
+            let (value, variance) = self.corners.smooth(work.at);
+            let variance = variance + work.hidden;
+            let rays = self.corners.rays(&work.views[0].seen);
+            if variance <= self.limit(0, rays) {
+                self.finish(work.pixel, value, variance);
+                return true;
+            }
+            if work.views[0].seen.pictured {
+                work.look_at_all(rays);
+            } else {
+                let mut difference = Difference::new(&work.views, &around, &self.corners.records, &self.extra);
+                difference.watch(&work.edges);
+                self.look_at(work, &difference);
+            }
+            self.spread(work, GROWTH[0]);
+            return false;
+        }
+        let own = Difference::new(&work.views, &[], &self.corners.records, &self.extra);
+        if work.crowded {
+            work.look_at_all(self.corners.rays(&work.views[0].seen));
+        } else {
+            let mut difference = Difference::new(&work.views, &around, &self.corners.records, &self.extra);
+            difference.watch(&work.edges);
+            self.look_at(work, &difference);
+        }
+        if work.look.from == 1 && std::env::var("NOSTRATA").is_err() {
+            let samples: Vec<_> = work.views.iter().map(|v| (v.at, v.seen.first)).collect();
+            work.strata = Some(Strata::new(self.tracer, work.origin, &samples));
+            work.hidden += work.strayed();
+            let e = SLOPE * self.corners.slope(work.at);
+            work.slope = e * e;
+        }
+        let (value, variance) = work.first_guess();
+        if !work.crowded && variance + work.hidden <= self.limit(0, work.rays) {
+            self.finish(work.pixel, value, variance + work.hidden);
+            return true;
+        }
+        if work.views.len() == 4
+            && work.hidden <= self.limit(0, work.rays).max(CLEAN * work.jump())
+            && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
+            && let Some(look) = own.single(&mut self.lights)
+            && self.fit(work, look)
+        {
+            return false;
+        }
+        self.spread(work, if work.crowded { CROWDED } else { GROWTH[0] });
+        false
+    }
+
+    /// Looks at what differs, from now on.
+    fn look_at(&mut self, work: &mut Work, difference: &Difference) {
+        work.look = difference.look(&mut self.lights);
+        work.hash = difference.hash;
+        difference.open(&mut work.views, &self.corners.records, &self.extra, self.tracer);
+        work.base = work.views[..4].iter().fold(DVec3::ZERO, |sum, v| sum + (v.seen.value - v.open)) * 0.25;
+        work.rays = difference.rays(&work.views[0], &self.corners.records);
+        work.still = work.spread_of(|v| v.seen.value - v.open);
+        if work.still > self.limit(0, work.rays) {
+            // Smooth as the rest may be, it is not flat.
+            work.look_at_all(self.corners.rays(&work.views[0].seen));
+        }
+    }
+
+    /// Begins to look for the only edge through a pixel.
+    fn fit(&mut self, work: &mut Work, look: Look) -> bool {
+        let first = work.views[0].seen.signature;
+        let like: [bool; 4] = std::array::from_fn(|k| work.views[k].seen.signature == first);
+        let Some(other) = (1..4).find(|&k| !like[k]) else { return false };
+        if (1..4).any(|k| !like[k] && work.views[k].seen.signature != work.views[other].seen.signature) {
+            return false;
+        }
+        let contrast = rms(work.open_of(&like, true).0 - work.open_of(&like, false).0);
+        let Some(fit) = Fit::new(like, contrast) else { return false };
+        let keys = [0, other].map(|k| Key::of(&self.corners.records, &work.views[k].seen, &look, &self.lights));
+        let (i, j) = (work.at.0 - self.region.x0, work.at.1 - self.region.y0);
+        let width = self.region.width() + 1;
+        let mut sides = [0; 2];
+        for (side, k) in sides.iter_mut().zip(fit.crossed()) {
+            // The upper, right, lower and left one.
+            let (i, j, horizontal) = [(i, j, true), (i + 1, j, false), (i, j + 1, true), (i, j, false)][k];
+            let place = &mut self.places[(j * width + i) as usize][usize::from(!horizontal)];
+            if *place == NONE {
+                *place = self.searches.len() as u32;
+                let start = if k < 2 { k } else { (k + 1) % 4 };
+                let ends = if like[start] { keys } else { [keys[1], keys[0]] };
+                let from = plane_origin(self.tracer, self.region);
+                let start = PlanePoint { x: from.x + UNIT * i as i32, y: from.y - UNIT * j as i32 };
+                let side = Side::default();
+                self.searches.push(Search { side, start, horizontal, look, ends, wanted: 0, asked: 0 });
+            }
+            *side = *place as usize;
+        }
+        work.how = How::Fit { fit, look, keys, sides, asked: None };
+        true
+    }
+
+    /// Goes on with a pixel. Whether it is settled.
+    fn advance(&mut self, work: &mut Work) -> bool {
+        // Every look that agrees makes it less likely that more hides.
+        let hidden = work.hidden;
+        let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5);
+        let How::Fit { fit, look, keys, sides, asked } = &mut work.how else { return self.grow(work) };
+        let found = sides.map(|s| self.searches[s].side);
+        let steps = fit.steps();
+        let mut fits = (0..2).all(|k| found[k].broken >= steps[k]);
+        if fits && let Some((start, count)) = asked.take() {
+            let seen = self.probes[start..start + count].iter().map(Key::from);
+            let like: Option<Vec<bool>> = seen.map(|k| (keys.contains(&k)).then_some(k == keys[0])).collect();
+            fits = like.is_some_and(|like| fit.learn(&like, [&found[0], &found[1]]));
+        }
+        while fits {
+            let samples = fit.samples;
+            let limit = self.limit(samples, 2.0);
+            match fit.next([&found[0], &found[1]], (limit - doubt(samples)).max(0.25 * limit)) {
+                Next::Sides(steps) => {
+                    let mut waits = false;
+                    for k in 0..2 {
+                        let search = &mut self.searches[sides[k]];
+                        fits &= search.side.broken >= steps[k];
+                        if search.side.known < steps[k] {
+                            waits = true;
+                            if search.wanted < steps[k] {
+                                search.wanted = steps[k];
+                                self.active.push(sides[k] as u32);
+                            }
+                        }
                     }
-                    let (low, high) = match a.next {
-                        Some(e) if b.t - a.t > 4 => ((e.t - 1.0).floor() as i32, (e.t + 1.0).ceil() as i32),
-                        _ => (a.t, b.t),
-                    };
-                    let SidePlace { horizontal, fixed, .. } = c.side(k);
-                    // What is beside a shadow's edge is the same on both sides of it.
-                    let both = if matches!(c.part, Part::Light(..)) { &[low][..] } else { &[low, high] };
-                    for &t in both {
-                        let t = t.clamp(a.t, b.t);
-                        let (u, v) = if horizontal { (t, fixed) } else { (fixed, t) };
-                        let sample = self.store.ask(u, v, Part::From(first).whole());
-                        seen[part.root].push(Seen { side: k, t, sample });
+                    if fits && waits {
+                        return false;
                     }
+                }
+                Next::Points(points) => {
+                    let (look, start) = (*look, self.points.len());
+                    *asked = Some((start, points.len()));
+                    for p in points {
+                        let point = work.origin.at(p);
+                        self.points.push(point);
+                        self.looks.push(look);
+                    }
+                    return false;
+                }
+                Next::Done(area, variance) => {
+                    let (value, rest) = work.two_sided(area);
+                    self.finish(work.pixel, value, variance + rest + doubt(samples));
+                    return true;
                 }
             }
         }
-        self.store.flush();
-        seen
+        self.spread(work, GROWTH[0]);
+        false
     }
 
-    /// What is thought of a cell.
-    fn judge(&self, job: &Job, sides: [Option<&Chain>; 4]) -> Outcome {
-        let mut o = integrate(&job.cell, sides, &self.store, self.tolerance);
-        detail::add(&self.store, &job.cell, &mut o);
-        feature::add(&self.store, &job.cell, &job.features, sides, &mut o);
-        o
-    }
-
-    /// Looks where single edges leave their chords.
-    fn check(&mut self, jobs: &[Job], outcomes: &mut [Outcome]) {
-        let mut open: Vec<Check> =
-            outcomes.iter().enumerate().filter_map(|(i, o)| Check::new(i, o, self.tolerance)).collect();
-        while !open.is_empty() {
-            open.retain_mut(|check| {
-                let cell = &jobs[check.cell].cell;
-                let o = &mut outcomes[check.cell];
-                match check.step(cell, &mut self.store, self.tolerance) {
-                    Verdict::Open => return true,
-                    Verdict::Found(shift, variance) => {
-                        o.value += shift;
-                        o.variance = variance;
-                    }
-                    Verdict::Failed => o.variance = check.variance_if_failed(cell.edge()),
-                }
-                false
-            });
-            self.store.flush();
-        }
-    }
-
-    /// Looks at the middle of cells where that may do.
-    fn centre(&mut self, jobs: &mut [Job], edges: &Edges, outcomes: &mut [Outcome]) {
-        let mut asked = Vec::new();
-        for (i, (job, o)) in jobs.iter_mut().zip(&*outcomes).enumerate() {
-            if o.wants_centre && o.variance > self.tolerance * self.tolerance {
-                let c = &mut job.cell;
-                c.centre = self.store.ask(c.x + c.size / 2, c.y + c.size / 2, c.part.whole());
-                asked.push(i);
+    /// Asks for the first 2^`power` points of a pixel, or for those that are new.
+    fn spread(&mut self, work: &mut Work, power: u32) {
+        let mut probes = match std::mem::replace(&mut work.how, How::Closed) {
+            How::Net { probes, .. } => probes,
+            _ => Vec::new(),
+        };
+        let sure = work.hidden + work.slope <= self.limit(0, work.rays);
+        let settled = if sure { work.settled_parts() } else { Vec::new() };
+        let (mut asked, start) = (Vec::new(), self.points.len());
+        for k in probes.len() as u32..1 << power {
+            let p = place(k, work.at);
+            let known = work.strata.as_ref().and_then(|s| settled.get(s.of(p)).copied().flatten());
+            probes.push(known.unwrap_or_default());
+            if known.is_none() {
+                asked.push(k);
             }
         }
-        self.store.flush();
-        for i in asked {
-            outcomes[i] = self.judge(&jobs[i], edges.of(i));
+        if power > TOGETHER {
+            // Neighbours make better packets.
+            asked.sort_unstable_by_key(|&k| net::cell(k, work.at));
         }
+        for &k in &asked {
+            self.ask(work.origin.at(place(k, work.at)), work.look);
+        }
+        work.looks += asked.len() as u32;
+        work.how = How::Net { probes, power, asked, start };
     }
 
-    /// Four cells for each.
-    fn divide(&mut self, jobs: Vec<Job>) -> Vec<Job> {
-        let mut next = Vec::with_capacity(4 * jobs.len());
-        for job in jobs {
-            let Cell { part, x, y, size, corners: [tl, tr, br, bl], .. } = job.cell;
-            let half = size / 2;
-            let want = part.whole();
-            let mut ask = |u: i32, v: i32| self.store.ask(x + u, y + v, want);
-            let [top, left, middle, right, bottom] =
-                [(half, 0), (0, half), (half, half), (size, half), (half, size)].map(|(u, v)| ask(u, v));
-            for (u, v, corners) in [
-                (0, 0, [tl, top, middle, left]),
-                (half, 0, [top, tr, right, middle]),
-                (half, half, [middle, right, br, bottom]),
-                (0, half, [left, middle, bottom, bl]),
-            ] {
-                let cell = Cell { part, x: x + u, y: y + v, size: half, corners, centre: NONE };
-                let features = feature::inherit(self.store.tracer, &job.features, self.region, &cell);
-                let single = !matches!(part, Part::From(_));
-                next.push(Job { pixel: job.pixel, cell, features, divide: false, root: 0, single });
-            }
+    /// Takes in what a net's points showed, and asks for more if need be. Whether it is settled.
+    fn grow(&mut self, work: &mut Work) -> bool {
+        let How::Net { probes, power, asked, start } = &mut work.how else { return true };
+        let power = *power;
+        let mut astray = false;
+        for (k, i) in asked.drain(..).zip(*start..) {
+            probes[k as usize] = self.probes[i];
+            astray |= self.probes[i].hash != work.hash;
         }
-        self.store.flush();
-        next
+        if astray {
+            // Something was met that no corner shows: nothing is known to be the same everywhere.
+            work.look_at_all(self.corners.rays(&work.views[0].seen));
+            work.how = How::Closed;
+            self.spread(work, power);
+            return false;
+        }
+        let (value, variance) = work.evaluate(self.tracer);
+        let limit = self.limit(work.looks, work.rays);
+        if variance <= limit || power >= net::MOST {
+            self.finish(work.pixel, value, variance);
+            return true;
+        }
+        // Variances fall with the 1.5th power, and limits rise with the first.
+        let more = ((variance / limit).log2() / 2.5).ceil().clamp(1.0, f64::from(GROWTH[1])) as u32;
+        self.spread(work, (power + more).min(net::MOST));
+        false
+    }
+
+    /// Traces all that was asked for.
+    fn trace(&mut self) {
+        let mut searched = Vec::new();
+        for s in std::mem::take(&mut self.active) {
+            let search = &mut self.searches[s as usize];
+            if search.asked > search.side.known || search.side.broken != u32::MAX {
+                continue;
+            }
+            let t = search.side.next();
+            let (dx, dy) = if search.horizontal { (t, 0) } else { (0, t) };
+            let point = PlanePoint { x: search.start.x + dx, y: search.start.y - dy };
+            search.asked = search.side.known + 1;
+            let look = search.look;
+            searched.push((s, self.ask(point, look)));
+        }
+        self.probes.resize(self.points.len(), Probe::default());
+        self.tracer.probe(
+            &self.points,
+            (&self.looks, &self.lights),
+            self.corners.least,
+            &mut self.probes,
+            self.scratch,
+            &mut self.counts,
+        );
+        self.points.clear();
+        self.looks.clear();
+        for (s, i) in searched {
+            let search = &mut self.searches[s as usize];
+            let key = Key::from(&self.probes[i]);
+            search.side.learn(search.ends.contains(&key).then_some(key == search.ends[0]));
+        }
     }
 }

@@ -1,23 +1,71 @@
 //! What a region's pixel corners show, with one more pixel all around.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::part::Part;
-use super::store::{SampleId, Store, UNIT, plane_origin, rms};
+use super::lattice::{UNIT, plane_origin, rms};
 use crate::film::Region;
-use crate::trace::record::{Records, Want};
-use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch};
+use crate::geometry::ObjectId;
+use crate::scene::Pigment;
+use crate::trace::record::{INSIDE, NONE, Records};
+use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch, mix};
 
 /// Corners along the edge of the pieces that threads take.
 const PIECE: u32 = 16;
 
+/// Standard deviation of the mean of four corners that show the same, as a share of their range:
+/// with others around them that do not, and corrected by others that do.
+const ROUGH: f64 = 0.15;
+const FINE: f64 = 0.01;
+
+/// Standard deviation of a pixel's mean over a picture, as a share of the range around.
+const TEXTURE: f64 = 0.12;
+/// The chance that a pixel next to one edge, or to more of them, hides something.
+const LIKELY: [f64; 2] = [0.0001, 0.8];
+/// The area of that.
+const HIDDEN: f64 = 0.3;
+
+/// A path followed to its end.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
+    /// Its place among the records.
+    pub(crate) path: u32,
+    /// The object met first, as [`crate::trace::record::Meeting::code`].
+    pub(crate) first: u32,
+    /// A hash of all that is discrete about it.
+    pub(crate) signature: u64,
+    /// The same without the object met first.
+    pub(crate) rest: u64,
+    /// Whether it met a surface with a picture.
+    pub(crate) pictured: bool,
+    pub(crate) value: DVec3,
+}
+
+impl Seen {
+    /// A recorded path in short.
+    pub(crate) fn new(tracer: &Tracer, records: &Records, path: usize) -> Self {
+        let (mut first, mut rest, mut value, mut pictured) = (None, 0, DVec3::ZERO, false);
+        for (i, m) in records.path(path) {
+            if first.is_some() {
+                rest = mix(rest, u64::from(m.code));
+            }
+            first.get_or_insert(m.code);
+            for &word in records.lights(i) {
+                rest = mix(rest, word);
+            }
+            value += m.direct;
+            pictured |= m.object().is_some_and(|o| matches!(tracer.material(ObjectId(o)).pigment, Pigment::Picture(_)));
+        }
+        let first = first.unwrap_or(NONE);
+        Self { path: path as u32, first, signature: mix(rest, u64::from(first)), rest, pictured, value }
+    }
+}
+
 pub(crate) struct Corners {
     region: Region,
     pub(crate) records: Records,
-    /// Places in `records`, row by row.
-    places: Vec<u32>,
-    /// Squared contrasts of the edges between each corner and its neighbours right and below.
-    edges: Vec<[f64; 2]>,
+    /// Row by row.
+    seen: Vec<Seen>,
     pub(crate) least: f64,
     /// The largest radiance that the scene can send.
     brightest: f64,
@@ -27,7 +75,7 @@ pub(crate) struct Corners {
 impl Corners {
     /// The corners of `region`; paths of less weight than `least` are not followed.
     pub(crate) fn new(tracer: &Tracer, region: Region, least: f64) -> Self {
-        let (x, y) = plane_origin(tracer, region);
+        let origin = plane_origin(tracer, region);
         let (w, h) = (region.width() + 3, region.height() + 3);
         let mut pieces = Vec::new();
         for j in (0..h).step_by(PIECE as usize) {
@@ -39,50 +87,42 @@ impl Corners {
         let done: Vec<_> = pieces
             .into_par_iter()
             .map_init(WaveScratch::default, |scratch, (i0, j0, i1, j1)| {
-                let at = |i: u32, j: u32| PlanePoint { x: x + UNIT * (i as i32 - 1), y: y - UNIT * (j as i32 - 1) };
-                let points: Vec<PlanePoint> = (j0..j1).flat_map(|j| (i0..i1).map(move |i| at(i, j))).collect();
-                let wants = vec![Want::From(1); points.len()];
+                let mut points = Vec::with_capacity(((i1 - i0) * (j1 - j0)) as usize);
+                let mut places = Vec::with_capacity(points.capacity());
+                // Squares of 4 × 4 make packets.
+                for (j4, i4) in (j0..j1).step_by(4).flat_map(|j| (i0..i1).step_by(4).map(move |i| (j, i))) {
+                    for (j, i) in (j4..j1.min(j4 + 4)).flat_map(|j| (i4..i1.min(i4 + 4)).map(move |i| (j, i))) {
+                        places.push((j * w + i) as usize);
+                        points.push(PlanePoint {
+                            x: origin.x + UNIT * (i as i32 - 1),
+                            y: origin.y - UNIT * (j as i32 - 1),
+                        });
+                    }
+                }
                 let (mut records, mut counts) = (Records::new(lights), RayCounts::default());
-                tracer.record(&points, &wants, least, &mut records, scratch, &mut counts);
-                ((i0, j0, i1), records, counts)
+                tracer.record(&points, least, &mut records, scratch, &mut counts);
+                let seen: Vec<Seen> = (0..points.len()).map(|k| Seen::new(tracer, &records, k)).collect();
+                (places, seen, records, counts)
             })
             .collect();
+        let blank = Seen { path: 0, first: NONE, signature: 0, rest: 0, pictured: false, value: DVec3::ZERO };
         let mut corners = Self {
             region,
             records: Records::new(lights),
-            places: vec![0; (w * h) as usize],
-            edges: Vec::new(),
+            seen: vec![blank; (w * h) as usize],
             least,
             brightest: tracer.brightest(),
             counts: RayCounts::default(),
         };
-        for ((i0, j0, i1), records, counts) in done {
+        for (places, seen, records, counts) in done {
             let start = corners.records.len() as u32;
-            for k in 0..records.len() as u32 {
-                let (i, j) = (i0 + k % (i1 - i0), j0 + k / (i1 - i0));
-                corners.places[(j * w + i) as usize] = start + k;
+            for (place, s) in places.into_iter().zip(seen) {
+                corners.seen[place] = Seen { path: start + s.path, ..s };
             }
             corners.records.append(&records);
             corners.counts += counts;
         }
-        corners.edges = corners.find_edges(tracer);
         corners
-    }
-
-    fn find_edges(&self, tracer: &Tracer) -> Vec<[f64; 2]> {
-        let (w, h) = (self.region.width() as usize + 3, self.region.height() as usize + 3);
-        let store = Store::new(tracer, &self.records, self.region, self.least);
-        let all: Vec<_> =
-            self.places.iter().map(|&s| (store.signature(s, Part::From(1)), store.value(s, Part::From(1)))).collect();
-        let edge = |a: usize, b: usize| {
-            if all[a].0 == all[b].0 { 0.0 } else { rms(all[a].1 - all[b].1) * rms(all[a].1 - all[b].1) }
-        };
-        (0..w * h)
-            .map(|at| {
-                let (i, j) = (at % w, at / w);
-                [if i + 1 < w { edge(at, at + 1) } else { 0.0 }, if j + 1 < h { edge(at, at + w) } else { 0.0 }]
-            })
-            .collect()
     }
 
     /// Where the upper left corner of pixel (x, y) is among all.
@@ -91,38 +131,128 @@ impl Corners {
         (j * (self.region.width() + 3) + i) as usize
     }
 
-    /// The sample at the upper left corner of pixel (x, y).
-    pub(crate) fn at(&self, x: u32, y: u32) -> SampleId {
-        self.places[self.index(x, y)]
+    /// What the corners of pixel (x, y) show, clockwise from the upper left one.
+    pub(crate) fn of(&self, (x, y): (u32, u32)) -> [Seen; 4] {
+        let (at, below) = (self.index(x, y), self.index(x, y + 1));
+        [self.seen[at], self.seen[at + 1], self.seen[below + 1], self.seen[below]]
     }
 
-    /// How much may hide in pixel (x, y): the contrast of the edges in and next to it, and how
-    /// dense they are.
-    pub(crate) fn busy(&self, (x, y): (u32, u32), tolerance: f64) -> f64 {
+    /// The corners of pixel (x, y) and of its neighbours, row by row.
+    pub(crate) fn around(&self, (x, y): (u32, u32)) -> [&Seen; 16] {
         let w = self.region.width() as usize + 3;
         let first = self.index(x, y) - w - 1;
+        std::array::from_fn(|k| &self.seen[first + k / 4 * w + k % 4])
+    }
+
+    /// Variance of what may hide in pixel (x, y) between its corners, from what is around it:
+    /// shadows and mirrored things, of which small ones are more likely the more edges there
+    /// are, and pictures. Edges of objects seen directly are found by their outlines.
+    pub(crate) fn hidden(&self, tracer: &Tracer, at: (u32, u32)) -> f64 {
+        let around = self.around(at);
+        let mut hidden = 0.0;
+        if [5, 6, 9, 10].iter().any(|&k| around[k].pictured) {
+            let first = around[5].first;
+            if [6, 9, 10].iter().all(|&k| around[k].first == first) && first != NONE {
+                let o = plane_origin(tracer, Region { x0: at.0, y0: at.1, x1: at.0 + 1, y1: at.1 + 1 });
+                let corner = |i, j| PlanePoint { x: o.x + UNIT * i, y: o.y - UNIT * j };
+                let points = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+                if let Some(spread) = tracer.picture_spread(first & !INSIDE, points) {
+                    let e = 0.5 * spread * tracer.lights().len().min(2) as f64;
+                    hidden += e * e;
+                }
+            }
+            let (lo, hi) = (around.iter())
+                .filter(|s| s.pictured)
+                .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), s| (lo.min(s.value), hi.max(s.value)));
+            let e = TEXTURE * rms(hi - lo);
+            hidden += e * e;
+        }
+        if around[1..].iter().all(|s| s.rest == around[0].rest) {
+            return hidden;
+        }
         let (mut sum, mut count) = (0.0, 0.0);
-        for j in 0..4 {
-            for i in 0..4 {
-                let edges = self.edges[first + j * w + i];
-                for (e, inside) in [(edges[0], i < 3), (edges[1], j < 3)] {
-                    if inside && e > tolerance * tolerance {
-                        sum += e;
-                        count += 1.0;
-                    }
+        for k in 0..16 {
+            for (next, inside) in [(k + 1, k % 4 < 3), (k + 4, k < 12)] {
+                if inside && around[k].rest != around[next].rest {
+                    let e = rms(around[k].value - around[next].value);
+                    sum += e * e;
+                    count += 1.0;
                 }
             }
         }
-        if count == 0.0 {
-            return 0.0;
-        }
-        let density: f64 = count / 24.0;
-        (sum / count).sqrt() * density * density * density
+        let chance = if Self::clean(&around) { LIKELY[0] } else { LIKELY[1] * count / 24.0 };
+        hidden + chance * HIDDEN * HIDDEN * sum / count
     }
 
-    /// Bounds on what the path of a sample lost as too faint, and as too deep.
-    pub(crate) fn lost(&self, s: SampleId) -> (f64, f64) {
-        let Some((_, last)) = self.records.path(s as usize).last() else { return (0.0, 0.0) };
+    /// The largest difference between neighbours around pixel (x, y) that show the same.
+    pub(crate) fn slope(&self, at: (u32, u32)) -> f64 {
+        let around = self.around(at);
+        let mut slope: f64 = 0.0;
+        for k in 0..16 {
+            for (next, inside) in [(k + 1, k % 4 < 3), (k + 4, k < 12)] {
+                if inside && around[k].signature == around[next].signature {
+                    slope = slope.max(rms(around[k].value - around[next].value));
+                }
+            }
+        }
+        slope
+    }
+
+    /// Whether one straight edge could be all there is between corners.
+    fn clean(around: &[&Seen; 16]) -> bool {
+        let one = around[0].rest;
+        let Some(other) = around.iter().map(|s| s.rest).find(|&r| r != one) else { return true };
+        if around.iter().any(|s| s.rest != one && s.rest != other) {
+            return false;
+        }
+        let ones = around.iter().filter(|s| s.rest == one).count();
+        let few = if ones < 8 { one } else { other };
+        if ones.min(16 - ones) < 4 && [5, 6, 9, 10].iter().any(|&k| around[k].rest == few) {
+            // Rather something small.
+            return false;
+        }
+        let place = |k: usize| ((k % 4) as f64 - 1.5, (k / 4) as f64 - 1.5);
+        let (mut sum, mut count) = ((0.0, 0.0), 0.0);
+        for k in (0..16).filter(|&k| around[k].rest == one) {
+            (sum.0, sum.1, count) = (sum.0 + place(k).0, sum.1 + place(k).1, count + 1.0);
+        }
+        // Along the line from the others' middle to theirs.
+        let along = |k: usize| (place(k).0 * sum.0 + place(k).1 * sum.1) / count;
+        let least = (0..16).filter(|&k| around[k].rest == one).map(along).fold(f64::INFINITY, f64::min);
+        let most = (0..16).filter(|&k| around[k].rest != one).map(along).fold(f64::NEG_INFINITY, f64::max);
+        least > most - 0.5
+    }
+
+    /// About how many rays a path takes.
+    pub(crate) fn rays(&self, s: &Seen) -> f64 {
+        let meetings = self.records.path(s.path as usize);
+        let lit = |i| self.records.lights(i).iter().map(|w| w.count_ones()).sum::<u32>();
+        f64::from(meetings.map(|(i, _)| 1 + lit(i)).sum::<u32>().max(1))
+    }
+
+    /// The value of pixel (x, y), all whose corners show the same, and the variance of its error.
+    pub(crate) fn smooth(&self, at: (u32, u32)) -> (DVec3, f64) {
+        let around = self.around(at);
+        let at = |i: usize, j: usize| around[4 * j + i];
+        let inner = [at(1, 1), at(2, 1), at(1, 2), at(2, 2)].map(|s| s.value);
+        let mean = (inner[0] + inner[1] + inner[2] + inner[3]) * 0.25;
+        let range = inner.iter().fold(mean, |hi, v| hi.max(*v)) - inner.iter().fold(mean, |lo, v| lo.min(*v));
+        if (0..16).any(|k| at(k % 4, k / 4).signature != at(1, 1).signature) {
+            let e = ROUGH * rms(range);
+            return (mean, e * e);
+        }
+        // The trapezoid rule is off by a twelfth of the second derivative, and four values in a
+        // row show twice that.
+        let row = |j| at(0, j).value + at(3, j).value - at(1, j).value - at(2, j).value;
+        let column = |i| at(i, 0).value + at(i, 3).value - at(i, 1).value - at(i, 2).value;
+        let bend = (row(1) + row(2) + column(1) + column(2)) * (1.0 / 48.0);
+        let e = 0.5 * rms(bend) + FINE * rms(range);
+        (mean - bend, e * e)
+    }
+
+    /// Bounds on what a path lost as too faint, and as too deep.
+    pub(crate) fn lost(&self, s: &Seen) -> (f64, f64) {
+        let Some((_, last)) = self.records.path(s.path as usize).last() else { return (0.0, 0.0) };
         if last.lost == 0.0 {
             return (0.0, 0.0);
         }

@@ -1,39 +1,14 @@
-//! How much a picture on a surface varies between a cell's corners.
+//! How much a picture on a surface varies between a pixel's corners.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
-use super::cell::{Cell, Outcome};
-use super::part::Part;
-use super::store::Store;
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
 use crate::scene::Pigment;
 use crate::trace::{PlanePoint, Tracer};
 
 /// Texels looked at along an edge of a footprint at most.
-const EDGE: i64 = 8;
-
-/// Takes a picture that a whole cell shows into account.
-pub(crate) fn add(store: &Store<'_>, cell: &Cell, outcome: &mut Outcome) {
-    let tracer = store.tracer;
-    if tracer.prepared().scene.pictures().is_empty() || cell.part.depth() != 1 {
-        return;
-    }
-    let Some(object) = store.object(cell.corners[0]) else { return };
-    if cell.corners.iter().any(|&s| store.object(s) != Some(object)) {
-        return;
-    }
-    let at = |x: i32, y: i32| store.point(x, y);
-    let (x, y, s) = (cell.x, cell.y, cell.size);
-    let points = [at(x, y), at(x + s, y), at(x + s, y + s), at(x, y + s)];
-    let Some(spread) = tracer.picture_spread(object, points) else { return };
-    let lights = match cell.part {
-        Part::Light(..) => 1,
-        _ => tracer.lights().len().min(2),
-    };
-    let e = 0.5 * spread * lights as f64 * cell.edge() * cell.edge();
-    outcome.variance += e * e;
-}
+const EDGE: i64 = 5;
 
 impl Tracer {
     /// Root mean square distance from their mean of a picture's texels between four points of the
@@ -61,7 +36,7 @@ impl Tracer {
         let span = (hi - lo) * size;
         let steps = |x: f64| ((x.ceil() as i64) + 1).clamp(2, EDGE);
         let (nx, ny) = (steps(span.x), steps(span.y));
-        let (mut sum, mut squares) = (glam::DVec3::ZERO, 0.0);
+        let (mut sum, mut squares) = (DVec3::ZERO, 0.0);
         for j in 0..ny {
             for i in 0..nx {
                 let t = DVec2::new((i as f64 + 0.5) / nx as f64, (j as f64 + 0.5) / ny as f64);

@@ -2,14 +2,14 @@
 
 pub(crate) mod adaptive;
 mod block;
-mod cell;
 mod corners;
-mod curve;
 mod detail;
-mod feature;
-mod outline;
-mod part;
+mod difference;
+mod fit;
+pub(crate) mod lattice;
+mod net;
 mod shadow;
-mod side;
+mod shape;
 pub(crate) mod small;
-pub(crate) mod store;
+mod strata;
+mod work;

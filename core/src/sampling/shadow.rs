@@ -7,8 +7,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::outline::vector;
-use super::small::{Mark, Polygon, What, mark, rim, to_pixels};
+use super::lattice::vector;
+use super::small::{Mark, Polygon, ROUND, What, mark, mark_edges, rim, to_pixels};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{ObjectId, Ray, V3};
 use crate::trace::{PathScratch, Tracer};
@@ -17,6 +17,9 @@ use crate::trace::{PathScratch, Tracer};
 const MESH: usize = 16;
 /// Objects times lights that are looked at, at most.
 const MOST: usize = 4_000_000;
+/// Up to so many, it is looked what grazes an object falls on even if something is right behind,
+/// and all outlines are followed.
+const THOROUGH: usize = 5_000;
 
 /// The small shadows of a picture.
 pub(crate) fn marks(tracer: &Tracer) -> Vec<Mark> {
@@ -35,13 +38,17 @@ pub(crate) fn marks(tracer: &Tracer) -> Vec<Mark> {
     if objects.len().saturating_mul(lights) > MOST {
         return Vec::new();
     }
+    let thorough = objects.len() * lights <= THOROUGH;
     objects
         .into_par_iter()
         .map_init(PathScratch::default, |scratch, id| {
             let mut found = Vec::new();
             for light in 0..lights {
-                if let Some(p) = shadow(tracer, id as u32, light, scratch) {
+                for p in shadows(tracer, id as u32, light, thorough, scratch) {
                     mark(tracer, &p, What::Shadow(light as u32), &mut found);
+                    if thorough {
+                        mark_edges(tracer, &p, light as u32, &mut found);
+                    }
                 }
             }
             found
@@ -50,17 +57,18 @@ pub(crate) fn marks(tracer: &Tracer) -> Vec<Mark> {
         .collect()
 }
 
-/// The outline in pixels of an object's shadow where it falls first.
-fn shadow(tracer: &Tracer, object: u32, light: usize, scratch: &mut PathScratch) -> Option<Polygon> {
+/// The outlines in pixels of an object's shadow, on each plane where it falls first.
+fn shadows(tracer: &Tracer, object: u32, light: usize, thorough: bool, scratch: &mut PathScratch) -> Vec<Polygon> {
     let prepared = tracer.prepared();
     let from = tracer.lights()[light];
     let (middle, beyond, rim) = match kind(&prepared.scene, ObjectId(object)) {
-        Kind::Plane(_) => return None,
+        Kind::Plane(_) => return Vec::new(),
         Kind::Sphere(i) => {
             let s = &prepared.local.spheres[i];
             let to = vector(s.c) - from;
             let out = to * (1.0 + s.r / to.dot(to).sqrt() * (1.0 + 1e-6));
-            (to, out, rim(to, s.r)?.to_vec())
+            let Some(rim) = rim(to, s.r) else { return Vec::new() };
+            (to, out, rim.to_vec())
         }
         Kind::Triangle(i) => {
             let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| vector(v) - from);
@@ -68,8 +76,28 @@ fn shadow(tracer: &Tracer, object: u32, light: usize, scratch: &mut PathScratch)
             (to, to * (1.0 + 1e-6), v.to_vec())
         }
     };
-    let ray = Ray::new(V3::splat(from + beyond), V3::splat(middle), 0.0, 0.0);
-    let (p, n) = tracer.surface_along(&ray, scratch)?;
+    let mut behind = |out: DVec3, along: DVec3| {
+        tracer.surface_along(&Ray::new(V3::splat(from + out), V3::splat(along), 0.0, 0.0), scratch)
+    };
+    let mut found: Vec<(DVec3, DVec3)> = behind(beyond, middle).into_iter().collect();
+    // Behind what is sunk into a surface is nothing, or something beneath; but what grazes it
+    // still falls there.
+    if thorough || found.is_empty() {
+        for d in [0, ROUND / 4, ROUND / 2, 3 * ROUND / 4].into_iter().filter_map(|k| rim.get(k).map(|&d| d * 1.001)) {
+            if let Some((p, n)) = behind(d, d)
+                && found
+                    .iter()
+                    .all(|(q, m)| n.dot(p - *q).abs() > 1e-6 * n.dot(p - from).abs() || n.dot(*m).abs() < 0.999)
+            {
+                found.push((p, n));
+            }
+        }
+    }
+    found.into_iter().filter_map(|(p, n)| thrown(tracer, &rim, from, p, n)).collect()
+}
+
+/// What is seen of an outline thrown from a light on the plane through p.
+fn thrown(tracer: &Tracer, rim: &[DVec3], from: DVec3, p: DVec3, n: DVec3) -> Option<Polygon> {
     let seen = to_pixels(tracer, p)?;
     let view = &tracer.settings().view;
     let margin = 8.0;
@@ -78,9 +106,9 @@ fn shadow(tracer: &Tracer, object: u32, light: usize, scratch: &mut PathScratch)
         return None;
     }
     let height = n.dot(p - from);
-    let fall = |to: DVec3| {
-        let t = height / n.dot(to);
-        (t > 0.0 && t < 1e6).then(|| to_pixels(tracer, from + to * t))?
+    let fall = |to: &DVec3| {
+        let t = height / n.dot(*to);
+        (t > 0.0 && t < 1e6).then(|| to_pixels(tracer, from + *to * t))?
     };
-    rim.into_iter().map(fall).collect()
+    rim.iter().map(fall).collect()
 }

@@ -8,18 +8,24 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::outline::vector;
+use super::lattice::vector;
 use super::shadow;
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 use crate::trace::Tracer;
 
-/// The least overlap that is looked for, in pixels; a quarter of what is promised.
-pub(crate) const LEAST: f64 = 1.0 / 256.0;
+/// The least overlap that is looked for, in pixels; a small part of what is promised, since
+/// things reach into several.
+pub(crate) const LEAST: f64 = 1.0 / 1024.0;
 /// Outlines of spheres are taken as polygons of so many corners.
 pub(crate) const ROUND: usize = 16;
 /// Outlines wider and higher than this many pixels are looked at only where they end.
 const WIDE: f64 = 6.0;
+
+/// Sides of outlines that are longer than half of this, in pixels, are not followed.
+const LONG: f64 = 200.0;
+/// What is wider cannot pass between a pixel's corners.
+const NARROW: f64 = 1.5;
 
 /// A convex polygon of the image plane in pixels, x to the right, y down.
 pub(crate) type Polygon = Vec<[f64; 2]>;
@@ -27,10 +33,22 @@ pub(crate) type Polygon = Vec<[f64; 2]>;
 /// What could be overlooked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum What {
+    /// The outline of a shadow in the light of this number; no overlap.
+    Edge(u32),
     /// An object.
     Object(u32),
     /// A shadow in the light of this number.
     Shadow(u32),
+}
+
+impl What {
+    /// The light, of shadows.
+    pub(crate) fn light(self) -> Option<u32> {
+        match self {
+            Self::Edge(light) | Self::Shadow(light) => Some(light),
+            Self::Object(_) => None,
+        }
+    }
 }
 
 /// The overlap of an object or a shadow with a pixel.
@@ -72,6 +90,7 @@ impl Marks {
         marks.par_sort_unstable_by(|a, b| {
             (a.pixel, a.what).cmp(&(b.pixel, b.what)).then(a.area.total_cmp(&b.area)).then(a.at[0].total_cmp(&b.at[0]))
         });
+        marks.dedup_by(|a, b| matches!(a.what, What::Edge(_)) && (a.pixel, a.what) == (b.pixel, b.what));
         Self(marks)
     }
 
@@ -87,7 +106,7 @@ impl Marks {
 /// Where a direction of local space is seen, in pixels.
 pub(crate) fn to_pixels(tracer: &Tracer, d: DVec3) -> Option<[f64; 2]> {
     let view = &tracer.settings().view;
-    let unit = f64::from(super::store::UNIT);
+    let unit = f64::from(super::lattice::UNIT);
     let (w, h) = (f64::from(view.width()), f64::from(view.height()));
     tracer.project(d).map(|(x, y)| [x / unit + 0.5 * w, 0.5 * h - y / unit])
 }
@@ -210,9 +229,18 @@ pub(crate) fn mark(tracer: &Tracer, p: &Polygon, what: What, found: &mut Vec<Mar
         return;
     }
     let range = |lo: f64, hi: f64, n: f64| (lo.max(0.0).floor() as u32, hi.min(n).ceil() as u32);
+    let longest = |p: &[[f64; 2]]| {
+        let from = |a: &[f64; 2]| p.iter().map(|b| libm::hypot(a[0] - b[0], a[1] - b[1])).fold(0.0, f64::max);
+        p.iter().map(from).fold(0.0, f64::max)
+    };
+    // That of a triangle, and no less than that of anything rounder.
+    let width = 2.0 * whole / longest(p);
+    // An object's area is known; of a shadow, a corner tells little of what else of it there is.
+    let anywhere = matches!(what, What::Shadow(_)) && width < NARROW;
     let look = |x: u32, y: u32, found: &mut Vec<Mark>| {
         let (x0, y0) = (f64::from(x), f64::from(y));
-        if [[x0, y0], [x0 + 1.0, y0], [x0, y0 + 1.0], [x0 + 1.0, y0 + 1.0]].iter().any(|&c| contains(p, c)) {
+        let corners = [[x0, y0], [x0 + 1.0, y0], [x0, y0 + 1.0], [x0 + 1.0, y0 + 1.0]];
+        if !anywhere && corners.iter().any(|&c| contains(p, c)) {
             return;
         }
         let (overlap, at) = area(&clip(p, [x0, y0, x0 + 1.0, y0 + 1.0]));
@@ -230,25 +258,62 @@ pub(crate) fn mark(tracer: &Tracer, p: &Polygon, what: What, found: &mut Vec<Mar
         }
         return;
     }
-    if p.len() != 3 {
-        // A large sphere pokes through a side by less than 1/(12·radius).
+    if p.len() != 3 && width > NARROW {
+        // It pokes through a side by less than 1/(12·radius).
         return;
     }
-    let length = (0..3).map(|k| {
-        let (a, b) = (p[k], p[(k + 1) % 3]);
-        ((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])).sqrt()
-    });
-    let width = 2.0 * whole / length.fold(0.0, f64::max);
-    if width > 1.5 {
-        for c in p {
-            if c[0] >= 0.0 && c[1] >= 0.0 && c[0] < w && c[1] < h {
-                look(c[0] as u32, c[1] as u32, found);
-            }
+    if width > NARROW {
+        for k in 0..3 {
+            // The tip, as far as it is narrower than a pixel's diagonal.
+            let (tip, a, b) = (p[k], p[(k + 1) % 3], p[(k + 2) % 3]);
+            let away = |c: [f64; 2]| {
+                let d = [c[0] - tip[0], c[1] - tip[1]];
+                let length = (d[0] * d[0] + d[1] * d[1]).sqrt();
+                (d.map(|x| x / length), length)
+            };
+            let ((u, long), (v, wide)) = (away(a), away(b));
+            let sine = (u[0] * v[1] - u[1] * v[0]).abs();
+            let far = (NARROW / sine).min(long).min(wide);
+            let at = |d: [f64; 2]| [tip[0] + d[0] * far, tip[1] + d[1] * far];
+            strip(&vec![tip, at(u), at(v)], (w, h), &mut |x, y| look(x, y, found));
         }
         return;
     }
-    // A sliver: column by column, or row by row.
-    let along = usize::from(size[1] > size[0]);
+    strip(p, (w, h), &mut |x, y| look(x, y, found));
+}
+
+/// Lists the pixels that an outline passes.
+pub(crate) fn mark_edges(tracer: &Tracer, p: &Polygon, light: u32, found: &mut Vec<Mark>) {
+    let view = &tracer.settings().view;
+    let inside = |c: f64, size: u32| c >= 0.0 && c < f64::from(size);
+    for (i, a) in p.iter().enumerate() {
+        let b = &p[(i + 1) % p.len()];
+        let d = [b[0] - a[0], b[1] - a[1]];
+        let steps = (2.0 * d[0].abs().max(d[1].abs())).ceil();
+        if !(steps <= LONG) {
+            continue;
+        }
+        for k in 0..=steps as u32 {
+            let t = f64::from(k) / steps.max(1.0);
+            let at = [a[0] + d[0] * t, a[1] + d[1] * t];
+            if inside(at[0], view.width()) && inside(at[1], view.height()) {
+                let pixel = pack(at[0] as u32, at[1] as u32);
+                found.push(Mark { pixel, what: What::Edge(light), area: 0.0, at: [0.5; 2] });
+            }
+        }
+    }
+}
+
+/// Visits the pixels that a narrow polygon overlaps, column by column or row by row.
+fn strip(p: &Polygon, (w, h): (f64, f64), look: &mut impl FnMut(u32, u32)) {
+    let extent = |axis: usize| {
+        let values = p.iter().map(|c| c[axis]);
+        (values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max))
+    };
+    let (lo, hi) = (extent(0), extent(1));
+    let (lo, hi) = ([lo.0, hi.0], [lo.1, hi.1]);
+    let range = |lo: f64, hi: f64, n: f64| (lo.max(0.0).floor() as u32, hi.min(n).ceil() as u32);
+    let along = usize::from(hi[1] - lo[1] > hi[0] - lo[0]);
     let (first, last) = range(lo[along], hi[along], if along == 0 { w } else { h });
     for i in first..last {
         let (mut a, mut b) = (Vec::new(), Vec::new());
@@ -264,7 +329,7 @@ pub(crate) fn mark(tracer: &Tracer, p: &Polygon, what: What, found: &mut Vec<Mar
         }
         let (j0, j1) = range(lo, hi, if along == 0 { h } else { w });
         for j in j0..j1 {
-            if along == 0 { look(i, j, found) } else { look(j, i, found) }
+            if along == 0 { look(i, j) } else { look(j, i) }
         }
     }
 }

@@ -29,13 +29,13 @@ use crate::film::{ErrorEstimate, Region, Tile};
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
 use crate::sampling::small::Marks;
-use crate::sampling::{adaptive, store};
+use crate::sampling::{adaptive, lattice};
 use crate::scene::{PictureId, Pigment};
 use crate::settings::{Sampling, Settings, Tolerance};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 pub(crate) use path::{PathScratch, mix};
-use record::{Recording, Records, Want};
+use record::{Look, Probe, Recording, Records};
 use texture::{Mapping, Texels};
 use wave::Wave;
 pub(crate) use wave::WaveScratch;
@@ -141,7 +141,7 @@ impl Tracer {
         }
         let grid = match settings.sampling {
             Sampling::Uniform { grid } => grid,
-            Sampling::Adaptive { .. } => store::GRID,
+            Sampling::Adaptive { .. } => lattice::GRID,
         };
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
@@ -301,21 +301,40 @@ impl Tracer {
         Self { refinement, ..self }
     }
 
-    /// Records the paths through `points`, each as far as its want goes and its weight is not
-    /// below `least`; units are 1/(2·grid) pixel. Sequential: callers spread work over threads.
-    /// Neighbours in the list had better be neighbours in the plane.
+    /// Records the paths through `points`, each until its weight is below `least`. Sequential:
+    /// callers spread work over threads. Neighbours in the list had better be neighbours in the
+    /// plane.
     pub(crate) fn record(
         &self,
         points: &[PlanePoint],
-        wants: &[Want],
         least: f64,
         records: &mut Records,
         scratch: &mut WaveScratch,
         counts: &mut RayCounts,
     ) {
         let mut out = [Sample::BLANK; wave::PATHS];
-        for (points, wants) in points.chunks(wave::PATHS).zip(wants.chunks(wave::PATHS)) {
-            let (record, out) = (Some(Recording::new(wants, records, least)), &mut out[..points.len()]);
+        for points in points.chunks(wave::PATHS) {
+            let (record, out) = (Some(Recording::new(points.len(), records, least)), &mut out[..points.len()]);
+            dispatch(self.level, Wave { tracer: self, points, record, out, scratch, counts });
+        }
+    }
+
+    /// Looks through `points`, at what `looks` and their `lights` say. As [`Self::record`] else.
+    pub(crate) fn probe(
+        &self,
+        points: &[PlanePoint],
+        (looks, lights): (&[Look], &[u64]),
+        least: f64,
+        probes: &mut [Probe],
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
+        let mut out = [Sample::BLANK; wave::PATHS];
+        let words = self.lights().len().div_ceil(64);
+        let each = looks.chunks(wave::PATHS).zip(probes.chunks_mut(wave::PATHS));
+        for (points, (looks, probes)) in points.chunks(wave::PATHS).zip(each) {
+            let record = Some(Recording::probing(looks, lights, words, probes, least));
+            let out = &mut out[..points.len()];
             dispatch(self.level, Wave { tracer: self, points, record, out, scratch, counts });
         }
     }

@@ -69,7 +69,7 @@ impl Tracer {
                 counts.unresolved += u64::from(court.unresolved());
                 let background = self.background * throughput;
                 if let Some((record, path)) = &mut record {
-                    record.meet(*path, NONE, (DVec3::ZERO, DVec3::ZERO), background);
+                    record.meet(*path, depth, NONE, || (DVec3::ZERO, DVec3::ZERO), background);
                 }
                 return Sample { radiance: sum + background };
             };
@@ -102,7 +102,8 @@ impl Tracer {
             }
             if let Some((record, path)) = &mut record {
                 let code = decision.id.0 | if decision.inside { INSIDE } else { 0 };
-                record.meet(*path, code, (place.p.to_dvec3(), place.n.to_dvec3()), color * throughput);
+                let at = || (place.p.to_dvec3(), place.n.to_dvec3());
+                record.meet(*path, depth, code, at, color * throughput);
             }
             if color != DVec3::ZERO {
                 cosines.clear();
@@ -116,7 +117,7 @@ impl Tracer {
                     if !(cosine > 0.0) {
                         continue;
                     }
-                    if record.as_ref().is_some_and(|(r, path)| !r.want(*path).looks_for(depth, k as u32)) {
+                    if record.as_ref().is_some_and(|(r, path)| !r.looks_for(*path, depth, k as u32)) {
                         continue;
                     }
                     counts.shadow += 1;
@@ -154,7 +155,7 @@ impl Tracer {
                     record.lose(*path, throughput);
                     break;
                 }
-                if !record.want(*path).goes_beyond(depth) {
+                if !record.goes_beyond(*path, depth) {
                     break;
                 }
             }

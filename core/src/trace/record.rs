@@ -2,37 +2,38 @@
 
 use glam::DVec3;
 
-use super::packet::{INSIDE, NONE};
+pub(crate) use super::packet::{INSIDE, NONE};
 use super::path::mix;
 
-/// How much of a path is followed; depths count from 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) enum Want {
-    /// What is met up to this depth, and no lights.
-    Objects(u32),
-    /// What is met up to this depth, and one light there.
-    Light(u32, u32),
-    /// The whole path, with the lights from this depth on.
-    From(u32),
+/// How much of a path is looked at; depths count from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Look {
+    /// From this depth on everything counts: all lights, and the background.
+    pub(crate) from: u32,
+    /// What is met up to this depth is told by [`Probe::hash`]; paths end there that count
+    /// nothing beyond.
+    pub(crate) last: u32,
+    /// Where, among the words that go with the looks, the lights that count at depths 1 to `last`
+    /// begin, so many words a depth as the scene's lights take.
+    pub(crate) lights: u32,
 }
 
-impl Want {
-    /// Whether the path goes on after its `depth`-th meeting.
-    pub(crate) fn goes_beyond(self, depth: u32) -> bool {
-        match self {
-            Self::Objects(last) | Self::Light(last, _) => depth < last,
-            Self::From(_) => true,
-        }
-    }
+impl Look {
+    /// At everything.
+    pub(crate) const ALL: Self = Self { from: 1, last: 0, lights: 0 };
+}
 
-    /// Whether `light` is looked for at the `depth`-th meeting.
-    pub(crate) fn looks_for(self, depth: u32, light: u32) -> bool {
-        match self {
-            Self::Objects(_) => false,
-            Self::Light(at, one) => depth == at && light == one,
-            Self::From(first) => depth >= first,
-        }
-    }
+/// What came of a look.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Probe {
+    /// What counts of the radiance.
+    pub(crate) radiance: DVec3,
+    /// The object met first, with [`INSIDE`]; [`NONE`] for the background.
+    pub(crate) first: u32,
+    /// A hash of the objects met up to [`Look::last`], that of [`Meeting::hash`].
+    pub(crate) hash: u64,
+    /// Whether any light that counts was seen.
+    pub(crate) lit: bool,
 }
 
 /// One meeting of a path and a surface, or its end in the background.
@@ -105,6 +106,11 @@ impl Records {
         })
     }
 
+    /// Words that the lights of a meeting take.
+    pub(crate) fn words(&self) -> usize {
+        self.words
+    }
+
     /// The lights seen from a meeting, a bit each.
     pub(crate) fn lights(&self, meeting: usize) -> &[u64] {
         &self.lit[meeting * self.words..(meeting + 1) * self.words]
@@ -120,71 +126,170 @@ impl Records {
     }
 }
 
+/// Where recordings go.
+#[derive(Debug)]
+enum Sink<'a> {
+    Records {
+        records: &'a mut Records,
+        /// The first path's place in `records`.
+        base: usize,
+        /// The latest meeting of each path.
+        latest: Vec<u32>,
+    },
+    Probes {
+        looks: &'a [Look],
+        lights: &'a [u64],
+        words: usize,
+        probes: &'a mut [Probe],
+    },
+}
+
 /// Paths being recorded.
 #[derive(Debug)]
 pub(crate) struct Recording<'a> {
-    wants: &'a [Want],
-    records: &'a mut Records,
-    /// The first path's place in `records`.
-    base: usize,
-    /// The latest meeting of each path.
-    latest: Vec<u32>,
+    sink: Sink<'a>,
     /// Mirrored rays of less weight are not followed.
     pub(crate) least: f64,
 }
 
 impl<'a> Recording<'a> {
-    /// Records one path for each of `wants`.
-    pub(crate) fn new(wants: &'a [Want], records: &'a mut Records, least: f64) -> Self {
+    /// Records `count` whole paths.
+    pub(crate) fn new(count: usize, records: &'a mut Records, least: f64) -> Self {
         let base = records.first.len();
-        records.first.resize(base + wants.len(), NONE);
-        Self { wants, records, base, latest: vec![NONE; wants.len()], least }
+        records.first.resize(base + count, NONE);
+        Self { sink: Sink::Records { records, base, latest: vec![NONE; count] }, least }
     }
 
-    pub(crate) fn want(&self, path: usize) -> Want {
-        self.wants[path]
+    /// Looks at paths in a scene whose lights take `words` words.
+    pub(crate) fn probing(
+        looks: &'a [Look],
+        lights: &'a [u64],
+        words: usize,
+        probes: &'a mut [Probe],
+        least: f64,
+    ) -> Self {
+        probes.fill(Probe::default());
+        Self { sink: Sink::Probes { looks, lights, words, probes }, least }
+    }
+
+    /// Whether `path` goes on after its `depth`-th meeting.
+    pub(crate) fn goes_beyond(&self, path: usize, depth: u32) -> bool {
+        match &self.sink {
+            Sink::Records { .. } => true,
+            Sink::Probes { looks, .. } => looks[path].from != u32::MAX || depth < looks[path].last,
+        }
+    }
+
+    /// Whether `light` counts at the `depth`-th meeting of `path`.
+    pub(crate) fn looks_for(&self, path: usize, depth: u32, light: u32) -> bool {
+        match &self.sink {
+            Sink::Records { .. } => true,
+            Sink::Probes { looks, lights, words, .. } => {
+                let look = &looks[path];
+                depth >= look.from
+                    || depth <= look.last && {
+                        let at = look.lights as usize + (depth as usize - 1) * words + light as usize / 64;
+                        lights[at] >> (light % 64) & 1 == 1
+                    }
+            }
+        }
+    }
+
+    /// The lights that count at the `depth`-th meetings of any of `paths`; all where `None`.
+    pub(crate) fn any_lights(&self, paths: &[u32], depth: u32) -> Option<Vec<u64>> {
+        let Sink::Probes { looks, lights, words, .. } = &self.sink else { return None };
+        let mut any = vec![0; *words];
+        for &path in paths {
+            let look = &looks[path as usize];
+            if depth >= look.from {
+                return None;
+            }
+            if depth <= look.last {
+                let at = look.lights as usize + (depth as usize - 1) * words;
+                for (any, &word) in any.iter_mut().zip(&lights[at..at + words]) {
+                    *any |= word;
+                }
+            }
+        }
+        Some(any)
     }
 
     /// Forgets what was recorded of `path`.
     pub(crate) fn restart(&mut self, path: usize) {
-        self.records.first[self.base + path] = NONE;
-        self.latest[path] = NONE;
+        match &mut self.sink {
+            Sink::Records { records, base, latest } => {
+                records.first[*base + path] = NONE;
+                latest[path] = NONE;
+            }
+            Sink::Probes { probes, .. } => probes[path] = Probe::default(),
+        }
     }
 
-    pub(crate) fn meet(&mut self, path: usize, code: u32, (p, n): (DVec3, DVec3), weight: DVec3) {
-        let at = self.records.meetings.len() as u32;
-        let before = match self.latest[path] {
-            NONE => {
-                self.records.first[self.base + path] = at;
-                0
+    /// The `depth`-th meeting of `path`; the background's `weight` is what it adds.
+    pub(crate) fn meet(
+        &mut self,
+        path: usize,
+        depth: u32,
+        code: u32,
+        place: impl FnOnce() -> (DVec3, DVec3),
+        weight: DVec3,
+    ) {
+        match &mut self.sink {
+            Sink::Probes { looks, probes, .. } => {
+                let (look, probe) = (&looks[path], &mut probes[path]);
+                if depth == 1 {
+                    probe.first = code;
+                }
+                if depth <= look.last {
+                    probe.hash = mix(probe.hash, u64::from(code) + 1);
+                }
+                if code == NONE && depth >= look.from {
+                    probe.radiance += weight;
+                }
             }
-            i => {
-                let last = &mut self.records.meetings[i as usize];
-                last.next = at;
-                last.hash
+            Sink::Records { records, base, latest } => {
+                let at = records.meetings.len() as u32;
+                let before = match latest[path] {
+                    NONE => {
+                        records.first[*base + path] = at;
+                        0
+                    }
+                    i => {
+                        let last = &mut records.meetings[i as usize];
+                        last.next = at;
+                        last.hash
+                    }
+                };
+                latest[path] = at;
+                let (p, n) = place();
+                let direct = if code == NONE { weight } else { DVec3::ZERO };
+                let hash = mix(before, u64::from(code) + 1);
+                records.meetings.push(Meeting { next: NONE, code, hash, p, n, weight, direct, lost: 0.0 });
+                records.lit.resize(records.lit.len() + records.words, 0);
             }
-        };
-        self.latest[path] = at;
-        let direct = if code == NONE { weight } else { DVec3::ZERO };
-        let hash = mix(before, u64::from(code) + 1);
-        self.records.meetings.push(Meeting { next: NONE, code, hash, p, n, weight, direct, lost: 0.0 });
-        self.records.lit.resize(self.records.lit.len() + self.records.words, 0);
-    }
-
-    fn last(&mut self, path: usize) -> &mut Meeting {
-        &mut self.records.meetings[self.latest[path] as usize]
+        }
     }
 
     pub(crate) fn see(&mut self, path: usize, light: usize) {
-        let at = self.latest[path] as usize * self.records.words + light / 64;
-        self.records.lit[at] |= 1 << (light % 64);
+        match &mut self.sink {
+            Sink::Records { records, latest, .. } => {
+                let at = latest[path] as usize * records.words + light / 64;
+                records.lit[at] |= 1 << (light % 64);
+            }
+            Sink::Probes { probes, .. } => probes[path].lit = true,
+        }
     }
 
     pub(crate) fn add(&mut self, path: usize, direct: DVec3) {
-        self.last(path).direct += direct;
+        match &mut self.sink {
+            Sink::Records { records, latest, .. } => records.meetings[latest[path] as usize].direct += direct,
+            Sink::Probes { probes, .. } => probes[path].radiance += direct,
+        }
     }
 
     pub(crate) fn lose(&mut self, path: usize, share: f64) {
-        self.last(path).lost = share;
+        if let Sink::Records { records, latest, .. } = &mut self.sink {
+            records.meetings[latest[path] as usize].lost = share;
+        }
     }
 }

@@ -38,7 +38,12 @@ impl Stage<'_> {
         walk: &mut Walk,
         paths: &mut Paths,
     ) {
+        let depth = paths.step as u32 + 1;
+        let any = paths.record.as_ref().and_then(|r| r.any_lights(&rays.path[..rays.count], depth));
         for (k, &light) in self.tracer.prepared.local.lights.iter().enumerate() {
+            if any.as_ref().is_some_and(|any| any[k / 64] >> (k % 64) & 1 == 0) {
+                continue;
+            }
             let light = V3::<S::Double>::splat(light);
             self.facing::<S>(rays, places, k, light, shadows, paths);
             for first in (0..shadows.count).step_by(LANES) {
@@ -112,8 +117,7 @@ impl Stage<'_> {
             faces &= (albedo.x + albedo.y + albedo.z).positive() & (0xff >> (8 - 8.min(rays.count - at)));
             if let Some(record) = &paths.record {
                 for lane in packet::lanes(u16::from(faces)) {
-                    let want = record.want(rays.path[at + lane] as usize);
-                    if !want.looks_for(paths.step as u32 + 1, k as u32) {
+                    if !record.looks_for(rays.path[at + lane] as usize, paths.step as u32 + 1, k as u32) {
                         faces &= !(1 << lane);
                     }
                 }

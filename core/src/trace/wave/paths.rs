@@ -79,7 +79,7 @@ impl Paths<'_, '_> {
             r.lose(path, throughput);
             return false;
         }
-        r.want(path).goes_beyond(step)
+        r.goes_beyond(path, step)
     }
 
     /// Puts what wide arithmetic knows of the cosines towards `light` at places `at` to `at` + 8.

@@ -179,17 +179,20 @@ impl Stage<'_> {
     /// Records what each ray met.
     pub(super) fn record(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
         let Some(record) = &mut paths.record else { return };
+        let depth = paths.step as u32 + 1;
         for i in 0..rays.count {
-            let throughput = rays.throughput[i];
+            let (path, throughput) = (rays.path[i] as usize, rays.throughput[i]);
             if places.met[i] == NONE {
-                let nowhere = (DVec3::ZERO, DVec3::ZERO);
-                record.meet(rays.path[i] as usize, NONE, nowhere, self.tracer.background * throughput);
+                let nowhere = || (DVec3::ZERO, DVec3::ZERO);
+                record.meet(path, depth, NONE, nowhere, self.tracer.background * throughput);
                 continue;
             }
-            let place = places.one(i);
             let albedo = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
-            let at = (place.p.to_dvec3(), place.n.to_dvec3());
-            record.meet(rays.path[i] as usize, places.met[i], at, albedo * throughput);
+            let at = || {
+                let place = places.one(i);
+                (place.p.to_dvec3(), place.n.to_dvec3())
+            };
+            record.meet(path, depth, places.met[i], at, albedo * throughput);
         }
     }
 
