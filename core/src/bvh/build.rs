@@ -56,7 +56,7 @@ const PARALLEL: usize = 4096;
 /// The most items of a leaf.
 pub(crate) const MAX_LEAF: usize = 8;
 /// What a step down costs, in intersection tests.
-const STEP_COST: f64 = 2.5;
+const STEP_COST: f64 = 1.5;
 
 #[derive(Clone, Copy)]
 struct Bin<T> {
