@@ -197,7 +197,6 @@ impl Scheduler {
         for w in self.workers.values_mut() {
             w.rate = w.rate.map(|rate| rate / dearer.max(0.01));
             w.slowest = w.slowest.map(|rate| rate / dearer.max(0.01));
-            w.slowest = w.slowest.map(|rate| rate / dearer.max(0.01));
         }
     }
 

@@ -244,7 +244,7 @@ impl Block<'_> {
             difference.watch(&work.edges);
             self.look_at(work, &difference);
         }
-        if work.look.from == 1 && std::env::var("NOSTRATA").is_err() {
+        if work.look.from == 1 {
             let samples: Vec<_> = work.views.iter().map(|v| (v.at, v.seen.first)).collect();
             work.strata = Some(Strata::new(self.tracer, work.origin, &samples));
             work.hidden += work.strayed();
