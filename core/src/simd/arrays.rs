@@ -116,10 +116,11 @@ fn packed<T: Copy + Default>(x: &[T; 8], mask: u8) -> [T; 8] {
     to
 }
 
-/// What `choose` leaves of eight, by halves as vectors do it.
+/// What `choose` leaves of sixteen, by halves as vectors do it.
 #[inline(always)]
-fn ends(x: [f32; 8], choose: impl Fn(f32, f32) -> f32) -> f32 {
-    let four: [f32; 4] = from_fn(|k| choose(x[k], x[k + 4]));
+fn choose(x: [f32; LANES], choose: impl Fn(f32, f32) -> f32) -> f32 {
+    let eight: [f32; 8] = from_fn(|k| choose(x[k], x[k + 8]));
+    let four: [f32; 4] = from_fn(|k| choose(eight[k], eight[k + 4]));
     choose(choose(four[0], four[2]), choose(four[1], four[3]))
 }
 
@@ -186,13 +187,11 @@ impl Single for S16 {
     }
     #[inline(always)]
     fn least(self) -> f32 {
-        let half = |k: usize| if self.0[k] < self.0[k + 8] { self.0[k] } else { self.0[k + 8] };
-        ends(from_fn(half), |a, b| if a < b { a } else { b })
+        choose(self.0, |a, b| if a < b { a } else { b })
     }
     #[inline(always)]
     fn greatest(self) -> f32 {
-        let half = |k: usize| if self.0[k] > self.0[k + 8] { self.0[k] } else { self.0[k + 8] };
-        ends(from_fn(half), |a, b| if a > b { a } else { b })
+        choose(self.0, |a, b| if a > b { a } else { b })
     }
 }
 

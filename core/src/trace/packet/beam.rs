@@ -27,7 +27,7 @@ pub(super) struct Beam {
 
 impl Beam {
     #[inline(always)]
-    pub(super) fn new<S: Simd>(rays: &Rays<S>, pad: S::Single, active: Mask) -> Self {
+    pub(super) fn new<S: Simd>(rays: &Rays<S>, active: Mask) -> Self {
         let s = S::Single::splat;
         let mut beam = Self { one_sign: true, ..Self::default() };
         for k in 0..3 {
@@ -41,8 +41,8 @@ impl Beam {
             beam.flip[k] = flip;
             let (inf, inv) = (s(f32::INFINITY), rays.inv[k]);
             let (i0, i1) = (inv.select(active, inf).least(), inv.select(active, -inf).greatest());
-            let upper = (rays.o[k] + pad).select(active, -inf).greatest();
-            let lower = (rays.o[k] - pad).select(active, inf).least();
+            let upper = (rays.o[k] + rays.pad).select(active, -inf).greatest();
+            let lower = (rays.o[k] - rays.pad).select(active, inf).least();
             let (enter, leave) = if flip { (lower, upper) } else { (upper, lower) };
             beam.axes[k] = [i0, i1, -(enter * i0), -(enter * i1), -(leave * i0), -(leave * i1)];
         }

@@ -73,6 +73,16 @@ pub(crate) struct Walk {
 }
 
 impl Walk {
+    /// Lanes of `all` that are not settled: those that f32 cannot follow, and those in doubt.
+    pub(crate) fn open(&self, all: Mask, near: Mask) -> Mask {
+        self.doubts.iter().fold(all & !near, |open, d| open | 1 << d.lane)
+    }
+
+    /// What `lane` may meet beside its nearest sure object.
+    pub(crate) fn doubts_of(&self, lane: usize) -> impl Iterator<Item = u32> {
+        self.doubts.iter().filter(move |d| usize::from(d.lane) == lane).map(|d| d.id)
+    }
+
     /// Forgets candidates that lie surely beyond their lane's nearest sure object.
     fn prune(&mut self) {
         let best_hi = &self.best_hi;

@@ -128,7 +128,7 @@ impl<'a, S: Simd> Journey<'a, S> {
         active: Mask,
         bound: S::Single,
     ) -> Self {
-        let beam = (wide.nodes.len() > LEAST_NODES).then(|| Beam::new::<S>(&rays, rays.pad, active));
+        let beam = (wide.nodes.len() > LEAST_NODES).then(|| Beam::new::<S>(&rays, active));
         let mut ends = [rays.low, rays.high];
         if let Some(beam) = &beam {
             for k in 0..3 {

@@ -85,19 +85,9 @@ impl Stage<'_> {
             packet::closest::<S>(self.filter, self.wide, packet, walk);
             places.met[at..at + LANES].copy_from_slice(&walk.best);
             self.expect(&walk.best);
-            let mut open = all & !near;
-            for d in &walk.doubts {
-                open |= 1 << d.lane;
-            }
-            while open != 0 {
-                let lane = open.trailing_zeros() as usize;
-                open &= open - 1;
-                let candidates = walk
-                    .doubts
-                    .iter()
-                    .filter(|d| usize::from(d.lane) == lane)
-                    .map(|d| d.id)
-                    .chain((walk.best[lane] != NONE).then_some(walk.best[lane]));
+            for lane in packet::lanes(walk.open(all, near)) {
+                let sure = (walk.best[lane] != NONE).then_some(walk.best[lane]);
+                let candidates = walk.doubts_of(lane).chain(sure);
                 let candidates = (near >> lane & 1 == 1).then_some(candidates);
                 paths.settle(rays, at + lane, candidates, places);
             }

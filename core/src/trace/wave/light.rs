@@ -56,15 +56,9 @@ impl Stage<'_> {
                 let all = ((1u32 << LANES.min(shadows.count - first)) - 1) as u16;
                 packet.active = all & near;
                 let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, walk);
-                let mut open = all & !near;
-                for d in &walk.doubts {
-                    open |= 1 << d.lane;
-                }
-                while open != 0 {
-                    let lane = open.trailing_zeros() as usize;
-                    open &= open - 1;
+                for lane in packet::lanes(walk.open(all, near)) {
                     let i = shadows.at[first + lane] as usize;
-                    let candidates = walk.doubts.iter().filter(|d| usize::from(d.lane) == lane).map(|d| d.id);
+                    let candidates = walk.doubts_of(lane);
                     let candidates = (near >> lane & 1 == 1).then_some(candidates);
                     if paths.settle_shadow(rays, places, i, k, candidates) {
                         blocked |= 1 << lane;

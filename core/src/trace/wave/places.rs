@@ -118,8 +118,7 @@ impl Stage<'_> {
         let planes = &self.tracer.prepared.local.planes;
         if same(ids) {
             let p = &planes[ids[0] as usize];
-            let n = V3 { x: p.n.x, y: p.n.y, z: p.n.z }.to_dvec3();
-            return shade::on_plane(ray, &LocalPlane { n: V3::splat(n), h: S::Double::splat(p.h) });
+            return shade::on_plane(ray, &LocalPlane { n: V3::splat(p.n.to_dvec3()), h: S::Double::splat(p.h) });
         }
         let mut lanes = [[0.0; 8]; 4];
         for k in 0..8 {
