@@ -54,16 +54,16 @@ pub(crate) struct Outcome {
 }
 
 /// Edge of the blocks that are looked at first towards an error.
-const SPOT: u32 = 32;
+const SPOT: u32 = 16;
 /// One of so many blocks is looked at, and at least [`SPOTS`].
-const ONE_IN: usize = 32;
-const SPOTS: usize = 24;
+const ONE_IN: usize = 20;
+const SPOTS: usize = 100;
 /// Looks at the spots, at most.
 const LOOKS: u32 = 4;
 /// The share of the error asked for that is aimed at: estimates err.
 const AIM: f64 = 0.9;
 /// Errors fall with the tolerance to about this power, over the scenes measured.
-const ERROR_POWER: f64 = 0.85;
+const ERROR_POWER: f64 = 0.6;
 /// Time rises with the inverse of the tolerance to about this power.
 const TIME_POWER: f64 = 0.6;
 /// The tolerance of the first picture under a time limit.
@@ -91,7 +91,7 @@ impl Plan {
         match self.goal {
             Goal::AsSet => Step { tolerance: None, regions: Vec::new(), kept: true, dearer: 1.0 },
             Goal::Error(error) => {
-                self.tolerance = Tolerance::new(1.5 * error);
+                self.tolerance = Tolerance::new(error);
                 self.look()
             }
             Goal::Time { .. } => self.render(self.tolerance, Vec::new()),

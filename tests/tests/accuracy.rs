@@ -254,7 +254,6 @@ fn random_scene(seed: u64) -> Document {
 }
 
 #[test]
-#[ignore = "not met on every scene yet"]
 fn estimates_are_honest() {
     let mut scenes = vec![
         ("demo", generate::demo()),
@@ -263,7 +262,7 @@ fn estimates_are_honest() {
         ("terrain", generate::terrain(16)),
         ("sphereflake", generate::sphereflake(2)),
     ];
-    scenes.extend((0..3).map(|seed| ("random", random_scene(seed))));
+    scenes.extend((0..10).map(|seed| ("random", random_scene(seed))));
     let size = (96, 72);
     for (i, (name, document)) in scenes.iter().enumerate() {
         let truth = uniformly(document, 24, size);
@@ -283,7 +282,7 @@ fn estimates_are_honest() {
             let case = format!("{name} {i}, {steps} steps: {real:.3} for {expected:.3}, {:.2} % beyond", 100.0 * share);
             println!("{case}");
             assert!(real < 1.5 * expected + 0.05 && real + 0.05 > expected / 3.0, "{case}");
-            assert!(share < 0.03, "{case}");
+            assert!(share < 0.01, "{case}");
         }
     }
 }

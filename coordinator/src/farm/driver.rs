@@ -190,6 +190,14 @@ impl Driver {
         let now = self.start.elapsed();
         let mut outcome = std::mem::take(&mut self.pass.at_hand);
         (outcome.took, outcome.now) = (now.saturating_sub(self.pass.began), now);
+        tracing::info!(
+            pass = self.pass.begun,
+            kept = self.pass.kept,
+            pixels = outcome.error.pixels,
+            steps = 255.0 * outcome.error.rmse(),
+            seconds = outcome.took.as_secs_f64(),
+            "pass done"
+        );
         let next = self.plan.next(&outcome);
         if self.pass.kept {
             self.pass.whole += 1;

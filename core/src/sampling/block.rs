@@ -14,12 +14,12 @@ use super::difference::Difference;
 use super::fit::{Fit, Next, Side};
 use super::lattice::{UNIT, plane_origin, rms};
 use super::net;
-use super::small::{Mark, What};
+use super::small::{Mark, Marks, What};
 use super::strata::Strata;
-use super::work::{How, Key, View, Work, place};
+use super::work::{How, Key, View, Work};
 use crate::film::{PixelError, Region};
 use crate::trace::record::{Look, Probe, Records};
-use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch};
+use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch};
 
 /// Small things are looked at one by one, where a pixel has no more of them.
 const FEATURES: usize = 6;
@@ -27,15 +27,17 @@ const FEATURES: usize = 6;
 const WORTH: f64 = 12.0;
 /// Powers of two that a net begins with, and grows by at a time at most.
 const GROWTH: [u32; 2] = [2, 3];
+/// Only a part of a path is looked at where that takes no more than this share of its rays.
+const SAVING: f64 = 0.6;
+/// Points by which an edge is tried.
+const TRIALS: u32 = 8;
 /// How far a part's middle is from where it was seen.
 const SLOPE: f64 = 0.3;
 /// Standard deviation of a pixel's mean that a shadow's outline passes unseen by corners, as a
 /// share of the light it takes.
 const EXPECTED: f64 = 0.15;
 /// What hides beside a single edge at most, as a share of its contrast's square.
-const CLEAN: f64 = 0.0001;
-/// Nets of so few points, as a power of two, are packets as they come.
-const TOGETHER: u32 = 4;
+const CLEAN: f64 = 0.003;
 /// The same where small things are many.
 const CROWDED: u32 = 4;
 const NONE: u32 = u32::MAX;
@@ -78,6 +80,9 @@ struct Block<'a> {
     looks: Vec<Look>,
     lights: Vec<u64>,
     probes: Vec<Probe>,
+    /// Whole paths asked for, and what they show.
+    whole: Vec<PlanePoint>,
+    samples: Vec<Sample>,
     scratch: &'a mut WaveScratch,
     counts: RayCounts,
 }
@@ -105,6 +110,8 @@ pub(crate) fn render(
         // For looks at no light.
         lights: vec![0; tracer.lights().len().div_ceil(64)],
         probes: Vec::new(),
+        whole: Vec::new(),
+        samples: Vec::new(),
         scratch,
         counts: RayCounts::default(),
     };
@@ -139,6 +146,9 @@ impl Block<'_> {
 
     /// Variance of what shadows whose outlines pass do to a pixel whose corners do not show them.
     fn expected(&self, corner: &Seen, edges: &[Mark]) -> f64 {
+        if edges.is_empty() {
+            return 0.0;
+        }
         let Some((_, m)) = self.corners.records.path(corner.path as usize).next() else { return 0.0 };
         let light =
             |mark: &Mark| mark.what.light().map_or(0.0, |l| rms(m.unshadowed(self.tracer.lights()[l as usize])));
@@ -154,32 +164,37 @@ impl Block<'_> {
         let squares = (0..h).step_by(4).flat_map(|j| (0..w).step_by(4).map(move |i| (j, i)));
         let order = squares
             .flat_map(|(j0, i0)| (j0..h.min(j0 + 4)).flat_map(move |j| (i0..w.min(i0 + 4)).map(move |i| (j, i))));
+        let (x0, x1) = (self.region.x0, self.region.x1);
+        let rows: Vec<&[Mark]> =
+            (self.region.y0..self.region.y1).map(|y| self.tracer.marks().of_row(x0, x1, y)).collect();
         for (j, i) in order {
             let pixel = (j * w + i) as usize;
             let at = (self.region.x0 + i, self.region.y0 + j);
-            let seen = self.corners.of(at);
-            for s in &seen {
+            let around = self.corners.around(at);
+            // Clockwise from the upper left one.
+            let seen = [5, 6, 10, 9].map(|k| around[k]);
+            for s in seen {
                 let (faint, deep) = self.corners.lost(s);
                 self.pixels[pixel].error.weight += 0.25 * faint;
                 self.pixels[pixel].error.depth += 0.25 * deep;
             }
-            let marks = self.tracer.marks().of(at.0, at.1);
+            let marks = Marks::among(rows[j as usize], at.0, at.1);
             let alike = seen[1..].iter().all(|s| s.signature == seen[0].signature);
-            let hidden = self.corners.hidden(self.tracer, at);
+            let hidden = Corners::hidden(self.tracer, at, &around);
             let (edges, marks) = marks.split_at(marks.partition_point(|m| matches!(m.what, What::Edge(_))));
-            let expected = self.expected(&seen[0], edges);
+            let expected = self.expected(seen[0], edges);
             let hidden = hidden + if alike { expected } else { 0.0 };
             if alike && marks.is_empty() {
-                let (value, variance) = self.corners.smooth(at);
+                let (value, variance) = Corners::smooth(&around);
                 let variance = variance + hidden;
                 let limit = self.tolerance * self.tolerance;
-                if variance <= limit || variance <= self.limit(0, self.corners.rays(&seen[0])) {
+                if variance <= limit || variance <= self.limit(0, self.corners.rays(seen[0])) {
                     self.finish(pixel, value, variance);
                     continue;
                 }
             }
             let origin = PlanePoint { x: from.x + UNIT * i as i32, y: from.y - UNIT * j as i32 };
-            let mut work = Work::new(pixel, at, origin, seen, hidden);
+            let mut work = Work::new(pixel, at, origin, seen.map(|s| *s), hidden);
             let few = marks.len() <= FEATURES;
             for m in marks {
                 if few {
@@ -219,38 +234,26 @@ impl Block<'_> {
     fn open(&mut self, work: &mut Work) -> bool {
         let around = self.corners.around(work.at);
         if work.views.iter().all(|v| v.seen.signature == work.views[0].seen.signature) && !work.crowded {
-            let (value, variance) = self.corners.smooth(work.at);
+            let (value, variance) = Corners::smooth(&around);
             let variance = variance + work.hidden;
             let rays = self.corners.rays(&work.views[0].seen);
             if variance <= self.limit(0, rays) {
                 self.finish(work.pixel, value, variance);
                 return true;
             }
-            if work.views[0].seen.pictured {
-                work.look_at_all(rays);
-            } else {
-                let mut difference = Difference::new(&work.views, &around, &self.corners.records, &self.extra);
-                difference.watch(&work.edges);
-                self.look_at(work, &difference);
-            }
+            self.look_at_what_differs(work, &around);
             self.spread(work, GROWTH[0]);
             return false;
         }
         let own = Difference::new(&work.views, &[], &self.corners.records, &self.extra);
-        if work.crowded {
-            work.look_at_all(self.corners.rays(&work.views[0].seen));
-        } else {
-            let mut difference = Difference::new(&work.views, &around, &self.corners.records, &self.extra);
-            difference.watch(&work.edges);
-            self.look_at(work, &difference);
-        }
-        if work.look.from == 1 {
+        self.look_at_what_differs(work, &around);
+        if work.look.from == 1 && work.views.iter().any(|v| v.seen.first != work.views[0].seen.first) {
             let samples: Vec<_> = work.views.iter().map(|v| (v.at, v.seen.first)).collect();
             work.strata = Some(Strata::new(self.tracer, work.origin, &samples));
             work.hidden += work.strayed();
-            let e = SLOPE * self.corners.slope(work.at);
-            work.slope = e * e;
         }
+        let e = SLOPE * Corners::slope(&around);
+        work.slope = e * e;
         let (value, variance) = work.first_guess();
         if !work.crowded && variance + work.hidden <= self.limit(0, work.rays) {
             self.finish(work.pixel, value, variance + work.hidden);
@@ -258,6 +261,7 @@ impl Block<'_> {
         }
         if work.views.len() == 4
             && work.hidden <= self.limit(0, work.rays).max(CLEAN * work.jump())
+            && work.slope <= self.limit(0, work.rays)
             && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
             && let Some(look) = own.single(&mut self.lights)
             && self.fit(work, look)
@@ -268,17 +272,28 @@ impl Block<'_> {
         false
     }
 
-    /// Looks at what differs, from now on.
-    fn look_at(&mut self, work: &mut Work, difference: &Difference) {
+    /// Looks at what differs, from now on; at everything where that is not much dearer.
+    fn look_at_what_differs(&mut self, work: &mut Work, around: &[&Seen]) {
+        let rays = self.corners.rays(&work.views[0].seen);
+        if work.crowded || work.views.iter().any(|v| v.seen.pictured) {
+            work.look_at_all(rays);
+            return;
+        }
+        let mut difference = Difference::new(&work.views, around, &self.corners.records, &self.extra);
+        difference.watch(&work.edges);
+        work.rays = difference.rays(&work.views[0], &self.corners.records);
+        if work.rays > SAVING * rays {
+            work.look_at_all(rays);
+            return;
+        }
         work.look = difference.look(&mut self.lights);
         work.hash = difference.hash;
         difference.open(&mut work.views, &self.corners.records, &self.extra, self.tracer);
         work.base = work.views[..4].iter().fold(DVec3::ZERO, |sum, v| sum + (v.seen.value - v.open)) * 0.25;
-        work.rays = difference.rays(&work.views[0], &self.corners.records);
         work.still = work.spread_of(|v| v.seen.value - v.open);
         if work.still > self.limit(0, work.rays) {
             // Smooth as the rest may be, it is not flat.
-            work.look_at_all(self.corners.rays(&work.views[0].seen));
+            work.look_at_all(rays);
         }
     }
 
@@ -311,7 +326,7 @@ impl Block<'_> {
             }
             *side = *place as usize;
         }
-        work.how = How::Fit { fit, look, keys, sides, asked: None };
+        work.how = How::Fit { fit, look, keys, sides, asked: None, trial: false };
         true
     }
 
@@ -320,17 +335,26 @@ impl Block<'_> {
         // Every look that agrees makes it less likely that more hides.
         let hidden = work.hidden;
         let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5);
-        let How::Fit { fit, look, keys, sides, asked } = &mut work.how else { return self.grow(work) };
+        let How::Fit { fit, look, keys, sides, asked, trial } = &mut work.how else { return self.grow(work) };
         let found = sides.map(|s| self.searches[s].side);
         let steps = fit.steps();
         let mut fits = (0..2).all(|k| found[k].broken >= steps[k]);
         if fits && let Some((start, count)) = asked.take() {
             let seen = self.probes[start..start + count].iter().map(Key::from);
             let like: Option<Vec<bool>> = seen.map(|k| (keys.contains(&k)).then_some(k == keys[0])).collect();
-            fits = like.is_some_and(|like| fit.learn(&like, [&found[0], &found[1]]));
+            let sides = [&found[0], &found[1]];
+            fits = like.is_some_and(|like| {
+                if *trial {
+                    let as_thought =
+                        |(k, like): (u32, &bool)| fit.side(work.net.place(k), sides).is_none_or(|s| s == *like);
+                    (0..).zip(&like).all(as_thought)
+                } else {
+                    fit.learn(&like, sides)
+                }
+            });
         }
         while fits {
-            let samples = fit.samples;
+            let samples = fit.samples + if *trial { TRIALS } else { 0 };
             let limit = self.limit(samples, 2.0);
             match fit.next([&found[0], &found[1]], (limit - doubt(samples)).max(0.25 * limit)) {
                 Next::Sides(steps) => {
@@ -360,6 +384,14 @@ impl Block<'_> {
                     }
                     return false;
                 }
+                Next::Done(..) if !*trial => {
+                    (*trial, *asked) = (true, Some((self.points.len(), TRIALS as usize)));
+                    for k in 0..TRIALS {
+                        self.points.push(work.origin.at(work.net.place(k)));
+                        self.looks.push(*look);
+                    }
+                    return false;
+                }
                 Next::Done(area, variance) => {
                     let (value, rest) = work.two_sided(area);
                     self.finish(work.pixel, value, variance + rest + doubt(samples));
@@ -379,34 +411,42 @@ impl Block<'_> {
         };
         let sure = work.hidden + work.slope <= self.limit(0, work.rays);
         let settled = if sure { work.settled_parts() } else { Vec::new() };
-        let (mut asked, start) = (Vec::new(), self.points.len());
-        for k in probes.len() as u32..1 << power {
-            let p = place(k, work.at);
-            let known = work.strata.as_ref().and_then(|s| settled.get(s.of(p)).copied().flatten());
-            probes.push(known.unwrap_or_default());
-            if known.is_none() {
-                asked.push(k);
+        let whole = work.wants_whole_paths();
+        let (first, end) = (probes.len() as u32, 1 << power);
+        probes.resize(end as usize, Probe::default());
+        let mut asked = Vec::with_capacity((end - first) as usize);
+        let start = if whole { self.whole.len() } else { self.points.len() };
+        for k in work.net.side_by_side(first, end) {
+            let p = work.net.place(k);
+            if let Some(known) = work.strata.as_ref().and_then(|s| settled.get(s.of(p)).copied().flatten()) {
+                probes[k as usize] = known;
+                continue;
+            }
+            asked.push(k);
+            let point = work.origin.at(p);
+            if whole {
+                self.whole.push(point);
+            } else {
+                self.ask(point, work.look);
             }
         }
-        if power > TOGETHER {
-            // Neighbours make better packets.
-            asked.sort_unstable_by_key(|&k| net::cell(k, work.at));
-        }
-        for &k in &asked {
-            self.ask(work.origin.at(place(k, work.at)), work.look);
-        }
         work.looks += asked.len() as u32;
-        work.how = How::Net { probes, power, asked, start };
+        work.how = How::Net { probes, power, asked, start, whole };
     }
 
     /// Takes in what a net's points showed, and asks for more if need be. Whether it is settled.
     fn grow(&mut self, work: &mut Work) -> bool {
-        let How::Net { probes, power, asked, start } = &mut work.how else { return true };
+        let How::Net { probes, power, asked, start, whole } = &mut work.how else { return true };
         let power = *power;
         let mut astray = false;
         for (k, i) in asked.drain(..).zip(*start..) {
-            probes[k as usize] = self.probes[i];
-            astray |= self.probes[i].hash != work.hash;
+            let probe = &mut probes[k as usize];
+            if *whole {
+                probe.radiance = self.samples[i].radiance;
+            } else {
+                *probe = self.probes[i];
+                astray |= probe.hash != work.hash;
+            }
         }
         if astray {
             // Something was met that no corner shows: nothing is known to be the same everywhere.
@@ -453,6 +493,9 @@ impl Block<'_> {
         );
         self.points.clear();
         self.looks.clear();
+        self.samples.resize(self.whole.len(), Sample::BLANK);
+        self.tracer.trace(&self.whole, self.corners.least, &mut self.samples, self.scratch, &mut self.counts);
+        self.whole.clear();
         for (s, i) in searched {
             let search = &mut self.searches[s as usize];
             let key = Key::from(&self.probes[i]);

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::lattice::{UNIT, plane_origin, rms};
+use super::lattice::{UNIT, plane_origin, range, rms};
 use crate::film::Region;
 use crate::geometry::ObjectId;
 use crate::scene::Pigment;
@@ -12,6 +12,8 @@ use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch, mix};
 
 /// Corners along the edge of the pieces that threads take.
 const PIECE: u32 = 16;
+/// Pixels that are looked at all around.
+const BORDER: u32 = 1;
 
 /// Standard deviation of the mean of four corners that show the same, as a share of their range:
 /// with others around them that do not, and corrected by others that do.
@@ -21,9 +23,12 @@ const FINE: f64 = 0.01;
 /// Standard deviation of a pixel's mean over a picture, as a share of the range around.
 const TEXTURE: f64 = 0.12;
 /// The chance that a pixel next to one edge, or to more of them, hides something.
-const LIKELY: [f64; 2] = [0.0001, 0.8];
+const LIKELY: [f64; 2] = [0.01, 0.8];
 /// The area of that.
 const HIDDEN: f64 = 0.3;
+
+/// The corners of a pixel and of its neighbours, row by row.
+pub(crate) type Around<'a> = [&'a Seen; 16];
 
 /// A path followed to its end.
 #[derive(Clone, Copy, Debug)]
@@ -39,12 +44,14 @@ pub(crate) struct Seen {
     /// Whether it met a surface with a picture.
     pub(crate) pictured: bool,
     pub(crate) value: DVec3,
+    /// The weight of what it mirrors last and is not followed.
+    lost: f64,
 }
 
 impl Seen {
     /// A recorded path in short.
     pub(crate) fn new(tracer: &Tracer, records: &Records, path: usize) -> Self {
-        let (mut first, mut rest, mut value, mut pictured) = (None, 0, DVec3::ZERO, false);
+        let (mut first, mut rest, mut value, mut pictured, mut lost) = (None, 0, DVec3::ZERO, false, 0.0);
         for (i, m) in records.path(path) {
             if first.is_some() {
                 rest = mix(rest, u64::from(m.code));
@@ -54,10 +61,11 @@ impl Seen {
                 rest = mix(rest, word);
             }
             value += m.direct;
+            lost = m.lost;
             pictured |= m.object().is_some_and(|o| matches!(tracer.material(ObjectId(o)).pigment, Pigment::Picture(_)));
         }
         let first = first.unwrap_or(NONE);
-        Self { path: path as u32, first, signature: mix(rest, u64::from(first)), rest, pictured, value }
+        Self { path: path as u32, first, signature: mix(rest, u64::from(first)), rest, pictured, value, lost }
     }
 }
 
@@ -76,7 +84,7 @@ impl Corners {
     /// The corners of `region`; paths of less weight than `least` are not followed.
     pub(crate) fn new(tracer: &Tracer, region: Region, least: f64) -> Self {
         let origin = plane_origin(tracer, region);
-        let (w, h) = (region.width() + 3, region.height() + 3);
+        let (w, h) = (region.width() + 2 * BORDER + 1, region.height() + 2 * BORDER + 1);
         let mut pieces = Vec::new();
         for j in (0..h).step_by(PIECE as usize) {
             for i in (0..w).step_by(PIECE as usize) {
@@ -94,8 +102,8 @@ impl Corners {
                     for (j, i) in (j4..j1.min(j4 + 4)).flat_map(|j| (i4..i1.min(i4 + 4)).map(move |i| (j, i))) {
                         places.push((j * w + i) as usize);
                         points.push(PlanePoint {
-                            x: origin.x + UNIT * (i as i32 - 1),
-                            y: origin.y - UNIT * (j as i32 - 1),
+                            x: origin.x + UNIT * (i as i32 - BORDER as i32),
+                            y: origin.y - UNIT * (j as i32 - BORDER as i32),
                         });
                     }
                 }
@@ -105,7 +113,8 @@ impl Corners {
                 (places, seen, records, counts)
             })
             .collect();
-        let blank = Seen { path: 0, first: NONE, signature: 0, rest: 0, pictured: false, value: DVec3::ZERO };
+        let blank =
+            Seen { path: 0, first: NONE, signature: 0, rest: 0, pictured: false, value: DVec3::ZERO, lost: 0.0 };
         let mut corners = Self {
             region,
             records: Records::new(lights),
@@ -125,21 +134,20 @@ impl Corners {
         corners
     }
 
-    /// Where the upper left corner of pixel (x, y) is among all.
-    fn index(&self, x: u32, y: u32) -> usize {
-        let (i, j) = (x + 1 - self.region.x0, y + 1 - self.region.y0);
-        (j * (self.region.width() + 3) + i) as usize
+    /// Corners of a row.
+    fn width(&self) -> usize {
+        (self.region.width() + 2 * BORDER + 1) as usize
     }
 
-    /// What the corners of pixel (x, y) show, clockwise from the upper left one.
-    pub(crate) fn of(&self, (x, y): (u32, u32)) -> [Seen; 4] {
-        let (at, below) = (self.index(x, y), self.index(x, y + 1));
-        [self.seen[at], self.seen[at + 1], self.seen[below + 1], self.seen[below]]
+    /// Where the upper left corner of pixel (x, y) is among all.
+    fn index(&self, x: u32, y: u32) -> usize {
+        let (i, j) = (x + BORDER - self.region.x0, y + BORDER - self.region.y0);
+        j as usize * self.width() + i as usize
     }
 
     /// The corners of pixel (x, y) and of its neighbours, row by row.
-    pub(crate) fn around(&self, (x, y): (u32, u32)) -> [&Seen; 16] {
-        let w = self.region.width() as usize + 3;
+    pub(crate) fn around(&self, (x, y): (u32, u32)) -> Around<'_> {
+        let w = self.width();
         let first = self.index(x, y) - w - 1;
         std::array::from_fn(|k| &self.seen[first + k / 4 * w + k % 4])
     }
@@ -147,8 +155,7 @@ impl Corners {
     /// Variance of what may hide in pixel (x, y) between its corners, from what is around it:
     /// shadows and mirrored things, of which small ones are more likely the more edges there
     /// are, and pictures. Edges of objects seen directly are found by their outlines.
-    pub(crate) fn hidden(&self, tracer: &Tracer, at: (u32, u32)) -> f64 {
-        let around = self.around(at);
+    pub(crate) fn hidden(tracer: &Tracer, at: (u32, u32), around: &Around<'_>) -> f64 {
         let mut hidden = 0.0;
         if [5, 6, 9, 10].iter().any(|&k| around[k].pictured) {
             let first = around[5].first;
@@ -161,9 +168,7 @@ impl Corners {
                     hidden += e * e;
                 }
             }
-            let (lo, hi) = (around.iter())
-                .filter(|s| s.pictured)
-                .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), s| (lo.min(s.value), hi.max(s.value)));
+            let (lo, hi) = range(around.iter().filter(|s| s.pictured).map(|s| s.value));
             let e = TEXTURE * rms(hi - lo);
             hidden += e * e;
         }
@@ -180,13 +185,12 @@ impl Corners {
                 }
             }
         }
-        let chance = if Self::clean(&around) { LIKELY[0] } else { LIKELY[1] * count / 24.0 };
+        let chance = if Self::clean(around) { LIKELY[0] } else { LIKELY[1] * count / 24.0 };
         hidden + chance * HIDDEN * HIDDEN * sum / count
     }
 
-    /// The largest difference between neighbours around pixel (x, y) that show the same.
-    pub(crate) fn slope(&self, at: (u32, u32)) -> f64 {
-        let around = self.around(at);
+    /// The largest difference between neighbours around a pixel that show the same.
+    pub(crate) fn slope(around: &Around<'_>) -> f64 {
         let mut slope: f64 = 0.0;
         for k in 0..16 {
             for (next, inside) in [(k + 1, k % 4 < 3), (k + 4, k < 12)] {
@@ -199,7 +203,7 @@ impl Corners {
     }
 
     /// Whether one straight edge could be all there is between corners.
-    fn clean(around: &[&Seen; 16]) -> bool {
+    fn clean(around: &Around<'_>) -> bool {
         let one = around[0].rest;
         let Some(other) = around.iter().map(|s| s.rest).find(|&r| r != one) else { return true };
         if around.iter().any(|s| s.rest != one && s.rest != other) {
@@ -230,15 +234,14 @@ impl Corners {
         f64::from(meetings.map(|(i, _)| 1 + lit(i)).sum::<u32>().max(1))
     }
 
-    /// The value of pixel (x, y), all whose corners show the same, and the variance of its error.
-    pub(crate) fn smooth(&self, at: (u32, u32)) -> (DVec3, f64) {
-        let around = self.around(at);
+    /// The value of a pixel all whose corners show the same, and the variance of its error.
+    pub(crate) fn smooth(around: &Around<'_>) -> (DVec3, f64) {
         let at = |i: usize, j: usize| around[4 * j + i];
         let inner = [at(1, 1), at(2, 1), at(1, 2), at(2, 2)].map(|s| s.value);
         let mean = (inner[0] + inner[1] + inner[2] + inner[3]) * 0.25;
-        let range = inner.iter().fold(mean, |hi, v| hi.max(*v)) - inner.iter().fold(mean, |lo, v| lo.min(*v));
+        let (lo, hi) = range(inner.into_iter());
         if (0..16).any(|k| at(k % 4, k / 4).signature != at(1, 1).signature) {
-            let e = ROUGH * rms(range);
+            let e = ROUGH * rms(hi - lo);
             return (mean, e * e);
         }
         // The trapezoid rule is off by a twelfth of the second derivative, and four values in a
@@ -246,17 +249,13 @@ impl Corners {
         let row = |j| at(0, j).value + at(3, j).value - at(1, j).value - at(2, j).value;
         let column = |i| at(i, 0).value + at(i, 3).value - at(i, 1).value - at(i, 2).value;
         let bend = (row(1) + row(2) + column(1) + column(2)) * (1.0 / 48.0);
-        let e = 0.5 * rms(bend) + FINE * rms(range);
+        let e = 0.5 * rms(bend) + FINE * rms(hi - lo);
         (mean - bend, e * e)
     }
 
     /// Bounds on what a path lost as too faint, and as too deep.
     pub(crate) fn lost(&self, s: &Seen) -> (f64, f64) {
-        let Some((_, last)) = self.records.path(s.path as usize).last() else { return (0.0, 0.0) };
-        if last.lost == 0.0 {
-            return (0.0, 0.0);
-        }
-        let bound = last.lost * self.brightest;
-        if last.lost < self.least { (bound, 0.0) } else { (0.0, bound) }
+        let bound = s.lost * self.brightest;
+        if s.lost <= self.least { (bound, 0.0) } else { (0.0, bound) }
     }
 }

@@ -12,6 +12,9 @@ const BEND: f64 = 0.03;
 const NEAR: f64 = 1.0 / 16.0;
 const FAR: f64 = 0.35;
 
+/// How close to the edge points say nothing about it, in pixels.
+const UNSURE: f64 = 0.05;
+
 /// What is known of an edge's place on a pixel's side, shared by two pixels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Side {
@@ -202,6 +205,18 @@ impl Fit {
         // From p to q the first corner is to the left, seen with y up; a bend to the right adds.
         let sign = self.first_side(p.0, chord);
         Next::Done((area + sign * (2.0 / 3.0) * length * bend).clamp(0.0, 1.0), total)
+    }
+
+    /// Whether a point is on the first corner's side; `None` next to the edge.
+    pub(crate) fn side(&self, at: DVec2, sides: [&Side; 2]) -> Option<bool> {
+        let (p, q) = (self.crossing(0, sides[0]).0, self.crossing(1, sides[1]).0);
+        let chord = q - p;
+        let length = chord.length().max(1e-9);
+        let along = ((at - p).dot(chord) / (length * length)).clamp(0.0, 1.0);
+        let bend =
+            self.bend.as_ref().map_or(0.0, |b| cross(chord, b.middle + b.normal * (0.5 * (b.lo + b.hi)) - p) / length);
+        let beyond = cross(chord, at - p) / length - 4.0 * bend * along * (1.0 - along);
+        (beyond.abs() > UNSURE).then(|| (beyond < 0.0) == (self.first_side(p, chord) > 0.0))
     }
 
     /// 1 where a bend along the normal adds to the first corner's side, else −1.

@@ -16,6 +16,11 @@ pub(crate) fn rms(d: DVec3) -> f64 {
     (d.dot(d) / 3.0).sqrt()
 }
 
+/// The least and the greatest of each component.
+pub(crate) fn range(values: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    values.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)))
+}
+
 pub(crate) fn vector(v: V3<f64>) -> DVec3 {
     DVec3::new(v.x, v.y, v.z)
 }

@@ -1,7 +1,8 @@
 //! Points spread over a pixel so evenly that any few of them are, and the error of their mean.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
+use super::lattice::UNIT;
 use crate::trace::mix;
 
 /// The most points of a pixel, as a power of two.
@@ -13,34 +14,81 @@ const BITS: u32 = 10;
 /// of the area has a variance of 1/6 at most about what one point shows.
 const PAIR: f64 = 1.0 / 6.0;
 
-/// The k-th point of pixel (x, y) in 1/1024 pixel: the two-dimensional Sobol sequence, whose
-/// every run of 2^m points from a multiple of 2^m on has one point in each of the 2^m cells of
-/// any grid of 2^a × 2^(m − a); turned by a digital shift of the pixel's own.
-pub(crate) fn point(k: u32, pixel: (u32, u32)) -> (u32, u32) {
-    let x = k.reverse_bits() >> (32 - BITS);
-    let (mut y, mut column, mut bits) = (0, 1u32 << 31, k);
-    while bits != 0 {
-        if bits & 1 == 1 {
-            y ^= column;
+/// The two-dimensional Sobol sequence in 1/1024 pixel: every run of 2^m points from a multiple of
+/// 2^m on has one point in each of the 2^m cells of any grid of 2^a × 2^(m − a).
+static POINTS: [(u16, u16); 1 << MOST] = {
+    let mut points = [(0, 0); 1 << MOST];
+    let mut k = 0u32;
+    while k < 1 << MOST {
+        let (mut y, mut column, mut bits) = (0, 1u32 << 31, k);
+        while bits != 0 {
+            if bits & 1 == 1 {
+                y ^= column;
+            }
+            column ^= column >> 1;
+            bits >>= 1;
         }
-        column ^= column >> 1;
-        bits >>= 1;
+        points[k as usize] = ((k.reverse_bits() >> (32 - BITS)) as u16, (y >> (32 - BITS)) as u16);
+        k += 1;
     }
-    let (sx, sy) = shift(pixel);
-    (x ^ sx, (y >> (32 - BITS)) ^ sy)
-}
+    points
+};
 
-/// Which of 4 × 4 cells of a pixel its k-th point is in, quarter by quarter.
-pub(crate) fn cell(k: u32, pixel: (u32, u32)) -> u32 {
-    let (x, y) = point(k, pixel);
+/// For every run of 16 points, which is in each of 4 × 4 cells, quarter by quarter.
+static RUNS: [[u16; 16]; 1 << (MOST - 4)] = {
+    let mut runs = [[0; 16]; 1 << (MOST - 4)];
+    let mut k = 0;
+    while k < 1 << MOST {
+        runs[k / 16][quarters(POINTS[k].0 as u32, POINTS[k].1 as u32) as usize] = k as u16;
+        k += 1;
+    }
+    runs
+};
+
+/// Which of 4 × 4 cells a point is in, quarter by quarter.
+const fn quarters(x: u32, y: u32) -> u32 {
     let (x, y) = (x >> (BITS - 2), y >> (BITS - 2));
     (y & 2) << 2 | (x & 2) << 1 | (y & 1) << 1 | x & 1
 }
 
-fn shift((x, y): (u32, u32)) -> (u32, u32) {
-    let hash = mix(u64::from(x) << 32 | u64::from(y), 0);
-    let mask = (1 << BITS) - 1;
-    ((hash >> 20) as u32 & mask, (hash >> 40) as u32 & mask)
+/// A pixel's points: the sequence, turned by a digital shift of the pixel's own.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Net {
+    x: u32,
+    y: u32,
+}
+
+impl Net {
+    /// The points of pixel (x, y).
+    pub(crate) fn of((x, y): (u32, u32)) -> Self {
+        let hash = mix(u64::from(x) << 32 | u64::from(y), 0);
+        let mask = (1 << BITS) - 1;
+        Self { x: (hash >> 20) as u32 & mask, y: (hash >> 40) as u32 & mask }
+    }
+
+    /// The k-th point, in 1/1024 pixel from the upper left corner.
+    pub(crate) fn point(self, k: u32) -> (u32, u32) {
+        let (x, y) = POINTS[k as usize];
+        (u32::from(x) ^ self.x, u32::from(y) ^ self.y)
+    }
+
+    /// Where the k-th point is, in pixels from the upper left corner.
+    pub(crate) fn place(self, k: u32) -> DVec2 {
+        let (x, y) = self.point(k);
+        DVec2::new(f64::from(2 * x + 1), f64::from(2 * y + 1)) * (1.0 / f64::from(UNIT))
+    }
+
+    /// The `from`-th to the `to`-th point, of 4 × 4 cells one after the other where there are many.
+    pub(crate) fn side_by_side(self, from: u32, to: u32) -> impl Iterator<Item = u32> {
+        let turn = quarters(self.x, self.y);
+        let few = if to <= 16 { from..to } else { 0..0 };
+        let runs = if to <= 16 { 0..0 } else { from / 16..to / 16 };
+        let many = (0..16).flat_map(move |cell| {
+            let run = move |r: u32| u32::from(RUNS[r as usize][(cell ^ turn) as usize]);
+            runs.clone().map(run).filter(move |k| *k >= from)
+        });
+        few.chain(many)
+    }
 }
 
 /// Values of a net's cells, row by row.
@@ -50,13 +98,13 @@ pub(crate) struct Cells {
 }
 
 impl Cells {
-    /// Cells for the values of the first 2^`power` points of a pixel.
-    pub(crate) fn new(power: u32, pixel: (u32, u32), value: impl Fn(usize) -> DVec3) -> Self {
+    /// Cells for the values of the first 2^`power` points of `net`.
+    pub(crate) fn new(power: u32, net: Net, value: impl Fn(usize) -> DVec3) -> Self {
         let (a, b) = (power.div_ceil(2).min(BITS), (power / 2).min(BITS));
         let (width, height) = (1usize << a, 1usize << b);
         let mut values = vec![DVec3::ZERO; width * height];
         for k in 0..1u32 << power {
-            let (x, y) = point(k, pixel);
+            let (x, y) = net.point(k);
             values[(y >> (BITS - b)) as usize * width + (x >> (BITS - a)) as usize] = value(k as usize);
         }
         Self { width, values }
@@ -89,18 +137,29 @@ mod tests {
     #[test]
     fn every_cell_of_every_grid_has_one_point() {
         for pixel in [(0, 0), (7, 4), (65535, 3)] {
-            for power in 0..=8u32 {
-                for start in [0, 3 << power] {
+            let net = Net::of(pixel);
+            for power in 0..MOST {
+                for start in [0, 1 << power] {
                     for a in 0..=power {
                         let mut seen = vec![false; 1 << power];
                         for k in 0..1 << power {
-                            let (x, y) = point(start + k, pixel);
+                            let (x, y) = net.point(start + k);
                             let cell = (x >> (BITS - a)) << (power - a) | y >> (BITS - (power - a));
                             assert!(!std::mem::replace(&mut seen[cell as usize], true), "{pixel:?} {power} {a}");
                         }
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn points_side_by_side_are_all_asked_for() {
+        let net = Net::of((19, 5));
+        for (from, to) in [(0, 4), (4, 16), (4, 32), (16, 128), (0, 1024)] {
+            let mut asked: Vec<u32> = net.side_by_side(from, to).collect();
+            asked.sort_unstable();
+            assert!(asked.into_iter().eq(from..to), "{from} to {to}");
         }
     }
 }

@@ -94,12 +94,19 @@ impl Marks {
         Self(marks)
     }
 
-    /// The marks of pixel (x, y).
-    pub(crate) fn of(&self, x: u32, y: u32) -> &[Mark] {
+    /// The marks of the pixels from (x0, y) on, up to (x1, y).
+    pub(crate) fn of_row(&self, x0: u32, x1: u32, y: u32) -> &[Mark] {
+        let start = self.0.partition_point(|m| m.pixel < pack(x0, y));
+        let end = self.0.partition_point(|m| m.pixel < pack(x1, y));
+        &self.0[start..end]
+    }
+
+    /// Those of pixel (x, y), among those of its row.
+    pub(crate) fn among(row: &[Mark], x: u32, y: u32) -> &[Mark] {
         let key = pack(x, y);
-        let start = self.0.partition_point(|m| m.pixel < key);
-        let length = self.0[start..].partition_point(|m| m.pixel == key);
-        &self.0[start..start + length]
+        let start = row.partition_point(|m| m.pixel < key);
+        let length = row[start..].partition_point(|m| m.pixel == key);
+        &row[start..start + length]
     }
 }
 

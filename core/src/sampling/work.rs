@@ -4,8 +4,8 @@ use glam::{DVec2, DVec3};
 
 use super::corners::Seen;
 use super::fit::Fit;
-use super::lattice::{UNIT, rms};
-use super::net::{self, Cells};
+use super::lattice::{UNIT, range, rms};
+use super::net::{Cells, Net};
 use super::shape::Shape;
 use super::strata::{Part, Strata};
 use crate::trace::record::{Look, NONE, Probe, Records};
@@ -73,16 +73,18 @@ pub(super) enum How {
     /// Not decided.
     Closed,
     /// By its only edge: how it is seen, what its sides are, where it crosses the pixel's, and
-    /// the looks asked for.
-    Fit { fit: Fit, look: Look, keys: [Key; 2], sides: [usize; 2], asked: Option<(usize, usize)> },
-    /// By the first 2^`power` points of a net, of which `asked` are answered from `start` on.
-    Net { probes: Vec<Probe>, power: u32, asked: Vec<u32>, start: usize },
+    /// the looks asked for. Once found it is tried by points all over the pixel.
+    Fit { fit: Fit, look: Look, keys: [Key; 2], sides: [usize; 2], asked: Option<(usize, usize)>, trial: bool },
+    /// By the first 2^`power` points of its net, of which `asked` are answered from `start` on,
+    /// among the looks or, if `whole`, among the whole paths.
+    Net { probes: Vec<Probe>, power: u32, asked: Vec<u32>, start: usize, whole: bool },
 }
 
 /// See the [module](self).
 pub(super) struct Work {
     pub(super) pixel: usize,
     pub(super) at: (u32, u32),
+    pub(super) net: Net,
     pub(super) origin: PlanePoint,
     /// The corners, then small things.
     pub(super) views: Vec<View>,
@@ -108,12 +110,6 @@ pub(super) struct Work {
     pub(super) how: How,
 }
 
-/// Where the k-th point of a pixel's net is.
-pub(super) fn place(k: u32, pixel: (u32, u32)) -> DVec2 {
-    let (x, y) = net::point(k, pixel);
-    DVec2::new(f64::from(2 * x + 1), f64::from(2 * y + 1)) * (1.0 / f64::from(UNIT))
-}
-
 impl PlanePoint {
     /// The point so many pixels to the right and down.
     pub(super) fn at(self, p: DVec2) -> Self {
@@ -129,6 +125,7 @@ impl Work {
         Self {
             pixel,
             at,
+            net: Net::of(at),
             origin,
             views: views.map(|(seen, at)| View { at, seen, open: seen.value, area: 0.0, extra: false }).collect(),
             look: Look::ALL,
@@ -146,6 +143,11 @@ impl Work {
         }
     }
 
+    /// Whether plain paths tell all that is looked for.
+    pub(super) fn wants_whole_paths(&self) -> bool {
+        self.look == Look::ALL && self.strata.is_none()
+    }
+
     /// Looks at everything, from now on.
     pub(super) fn look_at_all(&mut self, rays: f64) {
         self.look = Look::ALL;
@@ -157,10 +159,7 @@ impl Work {
 
     /// Variance of the mean over the corners of what varies smoothly between them.
     pub(super) fn spread_of(&self, value: impl Fn(&View) -> DVec3) -> f64 {
-        let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for v in &self.views {
-            (lo, hi) = (lo.min(value(v)), hi.max(value(v)));
-        }
+        let (lo, hi) = range(self.views.iter().map(value));
         let e = SMOOTH * rms(hi - lo);
         e * e
     }
@@ -209,16 +208,14 @@ impl Work {
 
     /// The value as far as whole paths tell, and the variance of its error.
     pub(super) fn first_guess(&self) -> (DVec3, f64) {
-        let range = |views: &[&View]| {
-            let (lo, hi) = views
-                .iter()
-                .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), v| (lo.min(v.open), hi.max(v.open)));
+        let extent = |views: &[&View]| {
+            let (lo, hi) = range(views.iter().map(|v| v.open));
             rms(hi - lo)
         };
         let mean = |views: &[&View]| views.iter().fold(DVec3::ZERO, |sum, v| sum + v.open) * (1.0 / views.len() as f64);
         let all: Vec<&View> = self.views.iter().collect();
         let Some(strata) = &self.strata else {
-            let e = UNSEEN * range(&all);
+            let e = UNSEEN * extent(&all);
             return (self.base + mean(&all[..4]), e * e + self.still);
         };
         let (mut value, mut variance) = (DVec3::ZERO, self.still + self.slope);
@@ -229,7 +226,7 @@ impl Work {
                 continue;
             }
             let alike = group.iter().all(|v| v.seen.signature == group[0].seen.signature);
-            let e = if alike { SMOOTH } else { UNSEEN } * range(group) * area;
+            let e = if alike { SMOOTH } else { UNSEEN } * extent(group) * area;
             value += mean(group) * area;
             variance += e * e;
             if group.len() < 6
@@ -240,20 +237,15 @@ impl Work {
                 variance += e * e;
             }
         }
-        let e = CLAIMED * strata.doubt * range(&all);
+        let e = CLAIMED * strata.doubt * extent(&all);
         (value, variance + e * e)
     }
 
     /// Mean and range of the corners on one side of an edge.
     pub(super) fn open_of(&self, like: &[bool; 4], side: bool) -> (DVec3, f64) {
-        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-        let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for (v, _) in self.views.iter().zip(like).filter(|(_, l)| **l == side) {
-            (lo, hi) = (lo.min(v.open), hi.max(v.open));
-            sum += v.open;
-            count += 1.0;
-        }
-        (sum * (1.0 / count), rms(hi - lo))
+        let of_side = || self.views.iter().zip(like).filter(|(_, l)| **l == side).map(|(v, _)| v.open);
+        let (lo, hi) = range(of_side());
+        (of_side().sum::<DVec3>() * (1.0 / of_side().count() as f64), rms(hi - lo))
     }
 
     /// The value where the first corner's side of the only edge has this area, and the variance
@@ -269,8 +261,8 @@ impl Work {
     /// The value that a net's points give, and the variance of its error.
     pub(super) fn evaluate(&mut self, tracer: &Tracer) -> (DVec3, f64) {
         let How::Net { probes, power, .. } = &self.how else { return (DVec3::ZERO, f64::INFINITY) };
-        let pixel = self.at;
-        let at = |k: usize| place(k as u32, pixel);
+        let net = self.net;
+        let at = |k: usize| net.place(k as u32);
         if self.strata.is_some() {
             let views = self.views.iter().map(|v| (v.at, v.seen.first));
             let samples: Vec<_> = views.chain(probes.iter().enumerate().map(|(k, p)| (at(k), p.first))).collect();
@@ -296,10 +288,8 @@ impl Work {
         let all = probes.iter().fold(DVec3::ZERO, |sum, p| sum + p.radiance) * (1.0 / probes.len() as f64);
         let means: Vec<DVec3> = sums.iter().map(|s| if s.1 > 0.0 { s.0 * (1.0 / s.1) } else { all }).collect();
         let value = (0..parts).fold(self.base, |sum, k| sum + means[k] * strata.area(k));
-        let (lo, hi) = (0..parts)
-            .filter(|&k| sums[k].1 > 0.0)
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), k| (lo.min(means[k]), hi.max(means[k])));
-        let cells = Cells::new(*power, self.at, |k| probes[k].radiance - means[of[k]]);
+        let (lo, hi) = range((0..parts).filter(|&k| sums[k].1 > 0.0).map(|k| means[k]));
+        let cells = Cells::new(*power, self.net, |k| probes[k].radiance - means[of[k]]);
         let residual = |v: &View| v.open - means[strata.of(v.at)];
         let corners = std::array::from_fn(|k| residual(&self.views[k]));
         let doubt = CLAIMED * strata.doubt * rms(hi - lo);

@@ -95,7 +95,7 @@ pub(crate) struct Sample {
 }
 
 impl Sample {
-    const BLANK: Self = Self { radiance: DVec3::ZERO };
+    pub(crate) const BLANK: Self = Self { radiance: DVec3::ZERO };
 }
 
 /// A surface under a transfer: linear colour times diffuse, and what it mirrors.
@@ -314,8 +314,8 @@ impl Tracer {
     ) {
         let mut out = [Sample::BLANK; wave::PATHS];
         for points in points.chunks(wave::PATHS) {
-            let (record, out) = (Some(Recording::new(points.len(), records, least)), &mut out[..points.len()]);
-            dispatch(self.level, Wave { tracer: self, points, record, out, scratch, counts });
+            let (record, out) = (Some(Recording::new(points.len(), records)), &mut out[..points.len()]);
+            dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
         }
     }
 
@@ -333,9 +333,9 @@ impl Tracer {
         let words = self.lights().len().div_ceil(64);
         let each = looks.chunks(wave::PATHS).zip(probes.chunks_mut(wave::PATHS));
         for (points, (looks, probes)) in points.chunks(wave::PATHS).zip(each) {
-            let record = Some(Recording::probing(looks, lights, words, probes, least));
+            let record = Some(Recording::probing(looks, lights, words, probes));
             let out = &mut out[..points.len()];
-            dispatch(self.level, Wave { tracer: self, points, record, out, scratch, counts });
+            dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
         }
     }
 
@@ -351,10 +351,17 @@ impl Tracer {
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
-    fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {
+    /// What is seen through `points`, by rays of more weight than `least`. As [`Self::record`] else.
+    pub(crate) fn trace(
+        &self,
+        points: &[PlanePoint],
+        least: f64,
+        out: &mut [Sample],
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            let wave = Wave { tracer: self, points, record: None, out, scratch: &mut *scratch, counts: &mut *counts };
-            dispatch(self.level, wave);
+            dispatch(self.level, Wave { tracer: self, points, record: None, least, out, scratch, counts });
         }
     }
 
@@ -373,7 +380,7 @@ impl Tracer {
         points.clear();
         packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
         samples.resize(points.len(), Sample::BLANK);
-        self.trace(points, samples, wave, counts);
+        self.trace(points, 0.0, samples, wave, counts);
         let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
         let mut done = samples.iter();
         if n == 1 {

@@ -33,10 +33,12 @@ pub(crate) struct PathScratch {
 }
 
 impl Tracer {
-    /// What is seen through `point`; recorded as the path given with `record`.
+    /// What is seen through `point`, by rays of more weight than `least`; recorded as the path given
+    /// with `record`.
     pub(crate) fn sample(
         &self,
         point: PlanePoint,
+        least: f64,
         scratch: &mut PathScratch,
         counts: &mut RayCounts,
         mut record: Option<(&mut Recording<'_>, usize)>,
@@ -75,7 +77,7 @@ impl Tracer {
             };
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
-            let goes_on = material.reflect * throughput > 0.0 && depth < self.settings.max_depth;
+            let goes_on = material.reflect * throughput - least > 0.0 && depth < self.settings.max_depth;
             let too_wide = refines && self.too_wide(&place, throughput);
             if !refines && self.too_wide(&place, throughput) {
                 place = place.taken_as_it_is();
@@ -151,7 +153,7 @@ impl Tracer {
                 break;
             }
             if let Some((record, path)) = &mut record {
-                if depth == self.settings.max_depth || throughput < record.least {
+                if depth == self.settings.max_depth || throughput <= least {
                     record.lose(*path, throughput);
                     break;
                 }

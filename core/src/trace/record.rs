@@ -148,28 +148,20 @@ enum Sink<'a> {
 #[derive(Debug)]
 pub(crate) struct Recording<'a> {
     sink: Sink<'a>,
-    /// Mirrored rays of less weight are not followed.
-    pub(crate) least: f64,
 }
 
 impl<'a> Recording<'a> {
     /// Records `count` whole paths.
-    pub(crate) fn new(count: usize, records: &'a mut Records, least: f64) -> Self {
+    pub(crate) fn new(count: usize, records: &'a mut Records) -> Self {
         let base = records.first.len();
         records.first.resize(base + count, NONE);
-        Self { sink: Sink::Records { records, base, latest: vec![NONE; count] }, least }
+        Self { sink: Sink::Records { records, base, latest: vec![NONE; count] } }
     }
 
     /// Looks at paths in a scene whose lights take `words` words.
-    pub(crate) fn probing(
-        looks: &'a [Look],
-        lights: &'a [u64],
-        words: usize,
-        probes: &'a mut [Probe],
-        least: f64,
-    ) -> Self {
+    pub(crate) fn probing(looks: &'a [Look], lights: &'a [u64], words: usize, probes: &'a mut [Probe]) -> Self {
         probes.fill(Probe::default());
-        Self { sink: Sink::Probes { looks, lights, words, probes }, least }
+        Self { sink: Sink::Probes { looks, lights, words, probes } }
     }
 
     /// Whether `path` goes on after its `depth`-th meeting.

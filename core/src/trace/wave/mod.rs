@@ -88,6 +88,8 @@ pub(crate) struct Wave<'a> {
     pub(crate) points: &'a [PlanePoint],
     /// Where paths are recorded, if they are.
     pub(crate) record: Option<Recording<'a>>,
+    /// Mirrored rays of no more weight are not followed.
+    pub(crate) least: f64,
     pub(crate) out: &'a mut [Sample],
     pub(crate) scratch: &'a mut WaveScratch,
     pub(crate) counts: &'a mut RayCounts,
@@ -137,6 +139,7 @@ impl Kernel for Wave<'_> {
             refined_places: Vec::new(),
             step: 0,
             record: self.record,
+            least: self.least,
         };
         let stage = Stage { tracer: self.tracer, filter, wide };
         stage.camera::<S>(self.points, rays);
@@ -171,13 +174,15 @@ impl Kernel for Wave<'_> {
             self.counts.unresolved -= u64::from(unresolved.get(k).is_some_and(|u| *u));
             self.counts.mirror -= u64::from(mirrors[k]);
             self.counts.shadow -= u64::from(shadow_counts[k]);
-            self.out[k] = self.tracer.sample(self.points[k], path, self.counts, record.as_mut().map(|r| (r, k)));
+            self.out[k] =
+                self.tracer.sample(self.points[k], self.least, path, self.counts, record.as_mut().map(|r| (r, k)));
         }
     }
 
     fn run_scalar(mut self) {
         for (k, (p, out)) in self.points.iter().zip(self.out).enumerate() {
-            *out = self.tracer.sample(*p, &mut self.scratch.path, self.counts, self.record.as_mut().map(|r| (r, k)));
+            let record = self.record.as_mut().map(|r| (r, k));
+            *out = self.tracer.sample(*p, self.least, &mut self.scratch.path, self.counts, record);
         }
     }
 }

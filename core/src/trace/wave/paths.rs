@@ -37,6 +37,8 @@ pub(super) struct Paths<'a, 'r> {
     pub(super) step: usize,
     /// Where paths are recorded, if they are.
     pub(super) record: Option<Recording<'r>>,
+    /// Mirrored rays of no more weight are not followed.
+    pub(super) least: f64,
 }
 
 impl Paths<'_, '_> {
@@ -75,7 +77,7 @@ impl Paths<'_, '_> {
     pub(super) fn follows(&mut self, path: usize, throughput: f64, deeper: bool) -> bool {
         let step = self.step as u32 + 1;
         let Some(r) = &mut self.record else { return true };
-        if !deeper || throughput < r.least {
+        if !deeper || throughput <= self.least {
             r.lose(path, throughput);
             return false;
         }

@@ -213,11 +213,9 @@ impl Stage<'_> {
         for at in (0..rays.count).step_by(8) {
             let throughput = load::<S>(&rays.throughput, at) * load::<S>(&places.reflect, at);
             let count = 8.min(rays.count - at);
-            let mut goes_on = throughput.positive() & (0xff >> (8 - count));
-            if goes_on == 0 {
-                continue;
-            }
+            let mut goes_on = (throughput - S::Double::splat(paths.least)).positive() & (0xff >> (8 - count));
             if paths.record.is_some() {
+                goes_on = throughput.positive() & (0xff >> (8 - count));
                 let mut weights = [0.0; 8];
                 throughput.store(&mut weights);
                 for lane in 0..count {
@@ -226,6 +224,9 @@ impl Stage<'_> {
                         goes_on &= !(1 << lane);
                     }
                 }
+            }
+            if goes_on == 0 {
+                continue;
             }
             let mirrored = shade::reflect(&rays.eight::<S>(at), &places.eight::<S>(at));
             let (mut d, mut ed) = (mirrored.d, mirrored.ed);
