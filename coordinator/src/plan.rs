@@ -59,7 +59,7 @@ const SPOT: u32 = 16;
 const ONE_IN: usize = 20;
 const SPOTS: usize = 100;
 /// Looks at the spots, at most.
-const LOOKS: u32 = 4;
+const LOOKS: u32 = 2;
 /// The share of the error asked for that is aimed at: estimates err.
 const AIM: f64 = 0.9;
 /// Errors fall with the tolerance to about this power, over the scenes measured.
@@ -133,10 +133,8 @@ impl Plan {
         let better = |power: f64, t: Tolerance| Tolerance::new(t.fraction() * libm::pow(ratio, power));
         if self.whole == 0 {
             let next = better(1.0 / ERROR_POWER, self.tolerance);
-            let close = (0.8..=1.2).contains(&ratio);
-            if close || self.looks == LOOKS || next == self.tolerance {
-                let tolerance = if close { self.tolerance } else { next };
-                return Some(self.render(tolerance, Vec::new()));
+            if (0.8..=1.2).contains(&ratio) || self.looks == LOOKS || next == self.tolerance {
+                return Some(self.render(next, Vec::new()));
             }
             self.tolerance = next;
             return Some(self.look());

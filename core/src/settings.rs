@@ -98,6 +98,9 @@ pub enum Sampling {
     Adaptive {
         /// When a part of a pixel is known well enough.
         tolerance: Tolerance,
+        /// Whether every pixel is to keep to it, whatever it costs; else pixels whose rays are
+        /// dear may miss it, so that the picture as a whole is as good as so many rays allow.
+        every_pixel: bool,
     },
 }
 
@@ -159,14 +162,21 @@ impl Quality {
     /// Every quality, the coarsest first.
     pub const ALL: [Self; 4] = [Self::Draft, Self::Preview, Self::Final, Self::Reference];
 
+    /// The sampling it stands for.
+    #[must_use]
+    pub fn sampling(self) -> Sampling {
+        let every_pixel = matches!(self, Self::Final | Self::Reference);
+        Sampling::Adaptive { tolerance: self.tolerance(), every_pixel }
+    }
+
     /// The tolerance it stands for.
     #[must_use]
     pub fn tolerance(self) -> Tolerance {
         let steps = match self {
             Self::Draft => 8.0,
             Self::Preview => 1.0,
-            Self::Final => 0.08,
-            Self::Reference => 0.04,
+            Self::Final => 0.22,
+            Self::Reference => 0.1,
         };
         Tolerance::new(steps / 255.0)
     }

@@ -177,9 +177,9 @@ impl TryFrom<wire::Job> for Job {
 
 impl From<Settings> for wire::Settings {
     fn from(s: Settings) -> Self {
-        let (grid, tolerance) = match s.sampling {
-            Sampling::Uniform { grid } => (grid, 0),
-            Sampling::Adaptive { tolerance } => (0, tolerance.billionths()),
+        let (grid, tolerance, every_pixel) = match s.sampling {
+            Sampling::Uniform { grid } => (grid, 0, false),
+            Sampling::Adaptive { tolerance, every_pixel } => (0, tolerance.billionths(), every_pixel),
         };
         Self {
             width: s.view.width(),
@@ -189,6 +189,7 @@ impl From<Settings> for wire::Settings {
             max_depth: s.max_depth,
             sample_grid: grid,
             tolerance_billionths: tolerance,
+            every_pixel,
             transfer: match s.transfer {
                 Transfer::Srgb => wire::Transfer::Srgb,
                 Transfer::Linear => wire::Transfer::Linear,
@@ -211,7 +212,7 @@ impl TryFrom<wire::Settings> for Settings {
             return Err(SettingsError::MaxDepth.into());
         }
         let sampling = match (s.sample_grid, tolerance(s.tolerance_billionths)?) {
-            (0, Some(tolerance)) => Sampling::Adaptive { tolerance },
+            (0, Some(tolerance)) => Sampling::Adaptive { tolerance, every_pixel: s.every_pixel },
             (grid @ 1..=Sampling::MAX_GRID, None) => Sampling::Uniform { grid },
             _ => return Err(Malformed::Range("the sample grid")),
         };

@@ -23,7 +23,7 @@ fn tracer(document: &Document, (w, h): (u32, u32), sampling: Sampling) -> Tracer
 /// What a document looks like within so many 8-bit steps, pixels' standard deviations, and rays.
 fn within(document: &Document, steps: f64, size: (u32, u32)) -> (Vec<[f32; 3]>, Vec<f32>, RayCounts) {
     let tolerance = Tolerance::new(steps / 255.0);
-    let (tile, sigma, rays) = tracer(document, size, Sampling::Adaptive { tolerance })
+    let (tile, sigma, rays) = tracer(document, size, Sampling::Adaptive { tolerance, every_pixel: false })
         .render_estimated(Region::new(0, 0, size.0, size.1).unwrap(), tolerance);
     (tile.pixels, sigma, rays)
 }
@@ -292,7 +292,7 @@ fn any_division_of_a_picture_gives_the_same_pixels_and_estimates() {
     let (w, h) = (70, 53);
     for document in [generate::mirrors(), generate::lights(30, 70), random_scene(5)] {
         let tolerance = Tolerance::new(2.0 / 255.0);
-        let tracer = tracer(&document, (w, h), Sampling::Adaptive { tolerance });
+        let tracer = tracer(&document, (w, h), Sampling::Adaptive { tolerance, every_pixel: false });
         let whole = tracer.render_estimated(Region::new(0, 0, w, h).unwrap(), tolerance);
         for edge in [7, 16, 33] {
             let mut error = tessera_core::film::ErrorEstimate::default();
@@ -318,7 +318,8 @@ fn every_instruction_set_gives_the_same_pixels() {
         let region = Region::new(0, 0, 60, 44).unwrap();
         let mut first: Option<(Vec<[u32; 3]>, RayCounts)> = None;
         for level in Level::all() {
-            let tracer = tracer(&document, (60, 44), Sampling::Adaptive { tolerance }).with_level(level);
+            let tracer =
+                tracer(&document, (60, 44), Sampling::Adaptive { tolerance, every_pixel: false }).with_level(level);
             let (tile, _, rays) = tracer.render_estimated(region, tolerance);
             let bits = tile.pixels.iter().map(|p| p.map(f32::to_bits)).collect();
             match &first {

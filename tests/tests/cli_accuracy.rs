@@ -24,11 +24,12 @@ fn number(value: &Value) -> f64 {
 }
 
 #[test]
-fn one_sample_a_pixel_is_the_default() {
+fn a_final_picture_is_the_default() {
     let at = tempdir().expect("a folder");
-    let (plain, asked) = (report(&demo(&at, "")), report(&demo(&at, "--samples 1")));
-    assert_eq!(plain["accuracy"]["method"], "uniform");
+    let (plain, asked) = (report(&demo(&at, "")), report(&demo(&at, "--quality final")));
+    assert_eq!(plain["accuracy"]["quality"], "final");
     assert_eq!(plain["pixels_sha256"], asked["pixels_sha256"]);
+    assert_eq!(report(&demo(&at, "--samples 1"))["accuracy"]["method"], "uniform");
 }
 
 #[test]

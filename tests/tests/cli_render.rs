@@ -98,7 +98,7 @@ fn a_region_is_that_part_of_the_whole() {
 #[test]
 fn the_report_has_the_keys_that_scripts_rely_on() {
     let at = tempdir().expect("a folder");
-    let ended = demo(&at, "--size 64x48 -o a.pfm --report report.json --workers 2 --max-depth 3");
+    let ended = demo(&at, "--size 64x48 -o a.pfm --report report.json --workers 2 --max-depth 3 --samples 1");
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert_eq!(names(at.path()), set(["a.pfm", "report.json"]));
     let report = json(&std::fs::read_to_string(at.path().join("report.json")).expect("the report"));
@@ -119,7 +119,7 @@ fn the_report_has_the_keys_that_scripts_rely_on() {
     let hash: String = hash.finalize().iter().map(|b| format!("{b:02x}")).collect();
     assert_eq!(report["pixels_sha256"], hash);
     // The same pixels whatever the file holds.
-    let ended = demo(&at, "--size 64x48 -o a.png --report - --workers 1 --max-depth 3 --tile 8");
+    let ended = demo(&at, "--size 64x48 -o a.png --report - --workers 1 --max-depth 3 --tile 8 --samples 1");
     assert_eq!(json(&ended.out)["pixels_sha256"], hash);
 }
 

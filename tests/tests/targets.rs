@@ -7,14 +7,14 @@ use std::time::Duration;
 
 use coordinator::{Goal, Pixels, Rendered};
 use rustix::process::Signal;
-use tessera_core::settings::{Quality, Sampling};
+use tessera_core::settings::Quality;
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
 use tessera_tests::process::Process;
 
 fn adaptive(goal: Goal) -> Cluster {
     let mut cluster = Cluster::of(generate::demo().scene().unwrap()).size(130, 97);
-    cluster.job.settings.sampling = Sampling::Adaptive { tolerance: Quality::Preview.tolerance() };
+    cluster.job.settings.sampling = Quality::Preview.sampling();
     cluster.job.goal = goal;
     cluster
 }
@@ -78,7 +78,7 @@ async fn a_worker_killed_between_passes_changes_nothing() {
 async fn a_time_limit_is_kept_though_a_worker_dies() {
     let limit = Duration::from_secs(4);
     let mut cluster = Cluster::of(generate::lights(200, 40).scene().unwrap()).size(640, 480).workers(0, 1);
-    cluster.job.settings.sampling = Sampling::Adaptive { tolerance: Quality::Reference.tolerance() };
+    cluster.job.settings.sampling = Quality::Reference.sampling();
     cluster.job.goal = Goal::Time { limit, error: Some(1e-9) };
     let begin = tokio::time::Instant::now();
     let mut running = cluster.start().await;

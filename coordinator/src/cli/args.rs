@@ -137,7 +137,7 @@ pub(crate) struct Render {
     /// Rays in a path at most, the camera's included: 1 shows no reflections
     #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..), allow_hyphen_values = true, help_heading = "Accuracy")]
     pub(crate) max_depth: u32,
-    /// Adaptive sampling to a named accuracy: draft to see what is where, preview to judge it, final to use it, reference to hold others against it
+    /// Adaptive sampling to a named accuracy: draft to see what is where, preview to judge it, final to use it, reference to hold others against it [default: final, unless another accuracy is asked for]
     #[arg(long, value_name = "NAME", conflicts_with_all = ["max_error", "time_limit", "samples"], help_heading = "Accuracy")]
     pub(crate) quality: Option<QualityArg>,
     /// Root mean squared error to aim at: in 8-bit steps (0.5), or as a fraction of full scale (1/510)
@@ -146,7 +146,7 @@ pub(crate) struct Render {
     /// The best picture in this time, from start to written file: 90s, 1.5m, 2h, 500ms; with --max-error, no better than that
     #[arg(long, value_name = "D", value_parser = duration, allow_hyphen_values = true, conflicts_with = "samples", help_heading = "Accuracy")]
     pub(crate) time_limit: Option<Duration>,
-    /// As many points in every pixel: a square number, 1, 4, 9, 16, … 4096 [default: 1, unless another accuracy is asked for]
+    /// As many points in every pixel: a square number, 1, 4, 9, 16, … 4096
     #[arg(long, value_name = "N", allow_hyphen_values = true, help_heading = "Accuracy")]
     pub(crate) samples: Option<u64>,
 

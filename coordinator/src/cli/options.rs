@@ -34,11 +34,11 @@ pub(crate) struct Options {
     pub(crate) notes: Vec<String>,
 }
 
-/// What was asked for in place of a number of samples.
+/// What was asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Accuracy {
-    /// Nothing: samples were.
-    Samples,
+    /// So many points in every pixel.
+    Samples(u64),
     Quality(Quality),
     /// A fraction of full scale.
     Error(f64),
@@ -65,13 +65,15 @@ impl Options {
         let quality = raw.quality.map(Quality::from);
         let accuracy = match (quality, raw.max_error, raw.time_limit) {
             (Some(quality), ..) => Accuracy::Quality(quality),
-            (None, None, None) => Accuracy::Samples,
+            (None, None, None) => raw.samples.map_or(Accuracy::Quality(Quality::default()), Accuracy::Samples),
             (None, Some(steps), None) => Accuracy::Error(steps / 255.0),
             (None, steps, Some(limit)) => Accuracy::Time { limit, error: steps.map(|s| s / 255.0) },
         };
         let sampling = match accuracy {
-            Accuracy::Samples => Sampling::uniform(raw.samples.unwrap_or(1)).map_err(Failure::usage)?,
-            _ => Sampling::Adaptive { tolerance: quality.unwrap_or_default().tolerance() },
+            Accuracy::Samples(samples) => Sampling::uniform(samples).map_err(Failure::usage)?,
+            Accuracy::Quality(quality) => quality.sampling(),
+            // Tolerances come with the passes.
+            Accuracy::Error(_) | Accuracy::Time { .. } => Quality::Preview.sampling(),
         };
         let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
         let whole = Region { x0: 0, y0: 0, x1: width, y1: height };

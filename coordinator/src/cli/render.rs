@@ -119,7 +119,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
 /// The farm's goal. Writing the picture takes its share of a time limit.
 fn goal(options: &Options, began: Instant) -> Goal {
     match options.accuracy {
-        Accuracy::Samples | Accuracy::Quality(_) => Goal::AsSet,
+        Accuracy::Samples(_) | Accuracy::Quality(_) => Goal::AsSet,
         Accuracy::Error(error) => Goal::Error(error),
         Accuracy::Time { limit, error } => {
             let writing = Duration::from_millis(20) + Duration::from_nanos(80 * options.region.area());

@@ -95,7 +95,7 @@ impl Accuracy {
     fn new(options: &Options, rendered: &Rendered) -> Self {
         let (error, rmse) = (rendered.error, rendered.error.map(|e| e.rmse()));
         let (quality, target, time_limit) = match options.accuracy {
-            Wanted::Samples => (None, None, None),
+            Wanted::Samples(_) => (None, None, None),
             Wanted::Quality(q) => (Some(q.name()), None, None),
             Wanted::Error(e) => (None, Some(e), None),
             Wanted::Time { limit, error } => (None, error, Some(limit.as_secs_f64())),

@@ -155,7 +155,7 @@ impl Farm {
             trace,
             error: (error.pixels > 0).then_some(error),
             tolerance: passing.tolerance.or(match job.settings.sampling {
-                Sampling::Adaptive { tolerance } => Some(tolerance),
+                Sampling::Adaptive { tolerance, .. } => Some(tolerance),
                 Sampling::Uniform { .. } => None,
             }),
             passes: passing.begun,

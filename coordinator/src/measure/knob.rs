@@ -81,11 +81,10 @@ impl Knob {
     /// What a render under `base` becomes by it.
     #[must_use]
     pub fn apply(&self, base: &Settings) -> (Settings, Goal) {
-        let adaptive = |quality: Quality| Sampling::Adaptive { tolerance: quality.tolerance() };
-        let default = Settings { sampling: adaptive(Quality::default()), ..*base };
+        let default = Settings { sampling: Quality::default().sampling(), ..*base };
         match *self {
             Self::MaxError(steps) => (default, Goal::Error(steps / 255.0)),
-            Self::Quality(quality) => (Settings { sampling: adaptive(quality), ..*base }, Goal::AsSet),
+            Self::Quality(quality) => (Settings { sampling: quality.sampling(), ..*base }, Goal::AsSet),
             Self::Samples(grid) => (Settings { sampling: Sampling::Uniform { grid }, ..*base }, Goal::AsSet),
             Self::MaxDepth(max_depth) => (Settings { max_depth, ..default }, Goal::AsSet),
         }

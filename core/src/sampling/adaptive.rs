@@ -14,7 +14,7 @@
 //! - [`super::block`], [`super::work`]: which of these a pixel takes, and when it is done.
 //!
 //! A pixel is done when what more rays would take off its error's variance is worth less than
-//! they cost: limits rise with the rays spent.
+//! they cost: limits rise with the rays spent, unless every pixel is to keep to the tolerance.
 
 use rayon::prelude::*;
 
@@ -31,7 +31,12 @@ const PIECE: u32 = 128;
 const FAINT: f64 = 0.25;
 
 /// Renders `region`, with the standard deviation of each pixel's error.
-pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: f64) -> (Tile, Vec<f32>, RayCounts) {
+pub(crate) fn render(
+    tracer: &Tracer,
+    region: Region,
+    tolerance: f64,
+    every_pixel: bool,
+) -> (Tile, Vec<f32>, RayCounts) {
     let mut pixels = vec![[0.0; 3]; region.area() as usize];
     let mut errors = vec![0.0; region.area() as usize];
     let mut error = ErrorEstimate::default();
@@ -43,7 +48,9 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: f64) -> (Tile, 
         let done: Vec<(Region, (Vec<Pixel>, RayCounts))> = piece
             .blocks(BLOCK)
             .into_par_iter()
-            .map_init(WaveScratch::default, |scratch, b| (b, block::render(tracer, &corners, b, tolerance, scratch)))
+            .map_init(WaveScratch::default, |scratch, b| {
+                (b, block::render(tracer, &corners, b, (tolerance, every_pixel), scratch))
+            })
             .collect();
         for (b, (part, c)) in done {
             counts += c;

@@ -69,6 +69,7 @@ struct Block<'a> {
     corners: &'a Corners,
     region: Region,
     tolerance: f64,
+    every_pixel: bool,
     pixels: Vec<Pixel>,
     /// Paths through small things.
     extra: Records,
@@ -92,7 +93,7 @@ pub(crate) fn render(
     tracer: &Tracer,
     corners: &Corners,
     region: Region,
-    tolerance: f64,
+    (tolerance, every_pixel): (f64, bool),
     scratch: &mut WaveScratch,
 ) -> (Vec<Pixel>, RayCounts) {
     let mut block = Block {
@@ -100,6 +101,7 @@ pub(crate) fn render(
         corners,
         region,
         tolerance,
+        every_pixel,
         pixels: vec![Pixel::default(); region.area() as usize],
         extra: Records::new(tracer.lights().len()),
         searches: Vec::new(),
@@ -130,7 +132,8 @@ impl Block<'_> {
 
     /// The square of the standard deviation that is as dear as so many looks of so many rays.
     fn limit(&self, looks: u32, rays: f64) -> f64 {
-        self.tolerance * self.tolerance * (f64::from(looks.max(4)) * rays / WORTH).max(1.0)
+        let more = if self.every_pixel { 1.0 } else { (f64::from(looks.max(4)) * rays / WORTH).max(1.0) };
+        self.tolerance * self.tolerance * more
     }
 
     fn finish(&mut self, pixel: usize, value: DVec3, variance: f64) {

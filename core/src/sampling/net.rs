@@ -13,6 +13,10 @@ const BITS: u32 = 10;
 /// square. An edge passes 1.27 such pairs a cell's width, and as many cells; in each, its share
 /// of the area has a variance of 1/6 at most about what one point shows.
 const PAIR: f64 = 1.0 / 6.0;
+/// What is left of that, for every doubling of more than 2^[`FEW`] points: where many cells meet
+/// an edge, their errors cancel. Measured over scenes of all kinds, and still on the safe side.
+const CANCEL: f64 = 0.76;
+const FEW: u32 = 4;
 
 /// The two-dimensional Sobol sequence in 1/1024 pixel: every run of 2^m points from a multiple of
 /// 2^m on has one point in each of the 2^m cells of any grid of 2^a × 2^(m − a).
@@ -126,7 +130,9 @@ impl Cells {
         for (k, at) in [0, w - 1, n - 1, n - w].into_iter().enumerate() {
             sum += 0.5 * (self.values[at] - corners[k]).length_squared();
         }
-        PAIR * sum / (3.0 * n as f64 * n as f64)
+        let doublings = n.ilog2().saturating_sub(FEW);
+        let cancelled = (0..doublings).fold(PAIR, |share, _| share * CANCEL);
+        cancelled * sum / (3.0 * n as f64 * n as f64)
     }
 }
 

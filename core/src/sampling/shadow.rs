@@ -11,13 +11,14 @@ use super::lattice::vector;
 use super::small::{Mark, Polygon, ROUND, What, mark, mark_edges, rim, to_pixels};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{ObjectId, Ray, V3};
+use crate::settings::Sampling;
 use crate::trace::{PathScratch, Tracer};
 
 /// Triangles of larger meshes have no shadows of their own.
 const MESH: usize = 16;
 /// Objects times lights that are looked at, at most.
 const MOST: usize = 4_000_000;
-/// Up to so many, it is looked what grazes an object falls on even if something is right behind,
+/// Up to so many, and wherever every pixel is to keep to the tolerance, it is looked what grazes an object falls on even if something is right behind,
 /// and all outlines are followed.
 const THOROUGH: usize = 5_000;
 
@@ -38,7 +39,8 @@ pub(crate) fn marks(tracer: &Tracer) -> Vec<Mark> {
     if objects.len().saturating_mul(lights) > MOST {
         return Vec::new();
     }
-    let thorough = objects.len() * lights <= THOROUGH;
+    let every_pixel = matches!(tracer.settings().sampling, Sampling::Adaptive { every_pixel: true, .. });
+    let thorough = every_pixel || objects.len() * lights <= THOROUGH;
     objects
         .into_par_iter()
         .map_init(PathScratch::default, |scratch, id| {

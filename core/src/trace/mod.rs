@@ -216,7 +216,7 @@ impl Tracer {
     pub fn render(&self, region: Region) -> (Tile, RayCounts) {
         let view = &self.settings.view;
         assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
-        if let Sampling::Adaptive { tolerance } = self.settings.sampling {
+        if let Sampling::Adaptive { tolerance, .. } = self.settings.sampling {
             return self.render_within(region, tolerance);
         }
         let threads = rayon::current_num_threads();
@@ -275,7 +275,7 @@ impl Tracer {
         let view = &self.settings.view;
         assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
         match self.settings.sampling {
-            Sampling::Adaptive { .. } => adaptive::render(self, region, tolerance.fraction()),
+            Sampling::Adaptive { every_pixel, .. } => adaptive::render(self, region, tolerance.fraction(), every_pixel),
             Sampling::Uniform { .. } => {
                 let (tile, counts) = self.render(region);
                 (tile, Vec::new(), counts)
