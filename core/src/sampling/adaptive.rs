@@ -11,7 +11,8 @@
 //! - [`super::shape`], [`super::strata`]: exact areas of objects seen directly.
 //! - [`super::fit`]: single edges, by bisection.
 //! - [`super::net`]: all else, by points spread evenly, whose differences tell their error.
-//! - [`super::block`], [`super::work`]: which of these a pixel takes, and when it is done.
+//! - [`super::block`], [`super::rounds`], [`super::work`]: which of these a pixel takes, and when it
+//!   is done.
 //!
 //! A pixel is done when what more rays would take off its error's variance is worth less than
 //! they cost: limits rise with the rays spent, unless every pixel is to keep to the tolerance.

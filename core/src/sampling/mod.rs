@@ -8,6 +8,7 @@ mod difference;
 mod fit;
 pub(crate) mod lattice;
 mod net;
+mod rounds;
 mod shadow;
 mod shape;
 pub(crate) mod small;

@@ -1,0 +1,186 @@
+//! How open pixels are settled, round after round: by their only edge, or by points of their nets.
+
+use super::block::{Block, NONE, Search};
+use super::fit::{Fit, Next, Side};
+use super::lattice::{UNIT, plane_origin, rms};
+use super::net;
+use super::work::{How, Key, Work};
+use crate::trace::PlanePoint;
+use crate::trace::record::{Look, Probe};
+
+/// Powers of two that a net begins with, and grows by at a time at most.
+pub(super) const GROWTH: [u32; 2] = [2, 3];
+/// Points by which an edge is tried.
+const TRIALS: u32 = 8;
+
+impl Block<'_> {
+    /// Begins to look for the only edge through a pixel.
+    pub(super) fn fit(&mut self, work: &mut Work, look: Look) -> bool {
+        let first = work.views[0].seen.signature;
+        let like: [bool; 4] = std::array::from_fn(|k| work.views[k].seen.signature == first);
+        let Some(other) = (1..4).find(|&k| !like[k]) else { return false };
+        if (1..4).any(|k| !like[k] && work.views[k].seen.signature != work.views[other].seen.signature) {
+            return false;
+        }
+        let contrast = rms(work.open_of(&like, true).0 - work.open_of(&like, false).0);
+        let Some(fit) = Fit::new(like, contrast) else { return false };
+        let keys = [0, other].map(|k| Key::of(&self.corners.records, &work.views[k].seen, &look, &self.lights));
+        let (i, j) = (work.at.0 - self.region.x0, work.at.1 - self.region.y0);
+        let width = self.region.width() + 1;
+        let mut sides = [0; 2];
+        for (side, k) in sides.iter_mut().zip(fit.crossed()) {
+            // The upper, right, lower and left one.
+            let (i, j, horizontal) = [(i, j, true), (i + 1, j, false), (i, j + 1, true), (i, j, false)][k];
+            let place = &mut self.places[(j * width + i) as usize][usize::from(!horizontal)];
+            if *place == NONE {
+                *place = self.searches.len() as u32;
+                let start = if k < 2 { k } else { (k + 1) % 4 };
+                let ends = if like[start] { keys } else { [keys[1], keys[0]] };
+                let from = plane_origin(self.tracer, self.region);
+                let start = PlanePoint { x: from.x + UNIT * i as i32, y: from.y - UNIT * j as i32 };
+                let side = Side::default();
+                self.searches.push(Search { side, start, horizontal, look, ends, wanted: 0, asked: 0 });
+            }
+            *side = *place as usize;
+        }
+        work.how = How::Fit { fit, look, keys, sides, asked: None, trial: false };
+        true
+    }
+
+    /// Goes on with a pixel. Whether it is settled.
+    pub(super) fn advance(&mut self, work: &mut Work) -> bool {
+        // Every look that agrees makes it less likely that more hides.
+        let hidden = work.hidden;
+        let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5);
+        let How::Fit { fit, look, keys, sides, asked, trial } = &mut work.how else { return self.grow(work) };
+        let found = sides.map(|s| self.searches[s].side);
+        let steps = fit.steps();
+        let mut fits = (0..2).all(|k| found[k].broken >= steps[k]);
+        if fits && let Some((start, count)) = asked.take() {
+            let seen = self.probes[start..start + count].iter().map(Key::from);
+            let like: Option<Vec<bool>> = seen.map(|k| (keys.contains(&k)).then_some(k == keys[0])).collect();
+            let sides = [&found[0], &found[1]];
+            fits = like.is_some_and(|like| {
+                if *trial {
+                    let as_thought =
+                        |(k, like): (u32, &bool)| fit.side(work.net.place(k), sides).is_none_or(|s| s == *like);
+                    (0..).zip(&like).all(as_thought)
+                } else {
+                    fit.learn(&like, sides)
+                }
+            });
+        }
+        while fits {
+            let samples = fit.samples + if *trial { TRIALS } else { 0 };
+            let limit = self.limit(samples, 2.0);
+            match fit.next([&found[0], &found[1]], (limit - doubt(samples)).max(0.25 * limit)) {
+                Next::Sides(steps) => {
+                    let mut waits = false;
+                    for k in 0..2 {
+                        let search = &mut self.searches[sides[k]];
+                        fits &= search.side.broken >= steps[k];
+                        if search.side.known < steps[k] {
+                            waits = true;
+                            if search.wanted < steps[k] {
+                                search.wanted = steps[k];
+                                self.active.push(sides[k] as u32);
+                            }
+                        }
+                    }
+                    if fits && waits {
+                        return false;
+                    }
+                }
+                Next::Points(points) => {
+                    let (look, start) = (*look, self.points.len());
+                    *asked = Some((start, points.len()));
+                    for p in points {
+                        let point = work.origin.at(p);
+                        self.points.push(point);
+                        self.looks.push(look);
+                    }
+                    return false;
+                }
+                Next::Done(..) if !*trial => {
+                    (*trial, *asked) = (true, Some((self.points.len(), TRIALS as usize)));
+                    for k in 0..TRIALS {
+                        self.points.push(work.origin.at(work.net.place(k)));
+                        self.looks.push(*look);
+                    }
+                    return false;
+                }
+                Next::Done(area, variance) => {
+                    let (value, rest) = work.two_sided(area);
+                    self.finish(work.pixel, value, variance + rest + doubt(samples));
+                    return true;
+                }
+            }
+        }
+        self.spread(work, GROWTH[0]);
+        false
+    }
+
+    /// Asks for the first 2^`power` points of a pixel, or for those that are new.
+    pub(super) fn spread(&mut self, work: &mut Work, power: u32) {
+        let mut probes = match std::mem::replace(&mut work.how, How::Closed) {
+            How::Net { probes, .. } => probes,
+            _ => Vec::new(),
+        };
+        let sure = work.hidden + work.slope <= self.limit(0, work.rays);
+        let settled = if sure { work.settled_parts() } else { Vec::new() };
+        let whole = work.wants_whole_paths();
+        let (first, end) = (probes.len() as u32, 1 << power);
+        probes.resize(end as usize, Probe::default());
+        let mut asked = Vec::with_capacity((end - first) as usize);
+        let start = if whole { self.whole.len() } else { self.points.len() };
+        for k in work.net.side_by_side(first, end) {
+            let p = work.net.place(k);
+            if let Some(known) = work.strata.as_ref().and_then(|s| settled.get(s.of(p)).copied().flatten()) {
+                probes[k as usize] = known;
+                continue;
+            }
+            asked.push(k);
+            let point = work.origin.at(p);
+            if whole {
+                self.whole.push(point);
+            } else {
+                self.ask(point, work.look);
+            }
+        }
+        work.looks += asked.len() as u32;
+        work.how = How::Net { probes, power, asked, start, whole };
+    }
+
+    /// Takes in what a net's points showed, and asks for more if need be. Whether it is settled.
+    fn grow(&mut self, work: &mut Work) -> bool {
+        let How::Net { probes, power, asked, start, whole } = &mut work.how else { return true };
+        let power = *power;
+        let mut astray = false;
+        for (k, i) in asked.drain(..).zip(*start..) {
+            let probe = &mut probes[k as usize];
+            if *whole {
+                probe.radiance = self.samples[i].radiance;
+            } else {
+                *probe = self.probes[i];
+                astray |= probe.hash != work.hash;
+            }
+        }
+        if astray {
+            // Something was met that no corner shows: nothing is known to be the same everywhere.
+            work.look_at_all(self.corners.rays(&work.views[0].seen));
+            work.how = How::Closed;
+            self.spread(work, power);
+            return false;
+        }
+        let (value, variance) = work.evaluate(self.tracer);
+        let limit = self.limit(work.looks, work.rays);
+        if variance <= limit || power >= net::MOST {
+            self.finish(work.pixel, value, variance);
+            return true;
+        }
+        // Variances fall with the 1.5th power, and limits rise with the first.
+        let more = ((variance / limit).log2() / 2.5).ceil().clamp(1.0, f64::from(GROWTH[1])) as u32;
+        self.spread(work, (power + more).min(net::MOST));
+        false
+    }
+}
