@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{self, ExactRay, FIRST, LAST, Unsure};
+use super::arbiter::{self, ExactPlane, ExactRay, FIRST, LAST, Unsure};
 use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
@@ -22,6 +22,8 @@ pub struct PreparedScene {
     pub(crate) boxes: Boxes,
     /// The scene for packets of f32 rays, where its numbers allow that.
     pub(crate) filter: Option<Filter>,
+    /// The planes in wide numbers.
+    pub(crate) exact_planes: Vec<ExactPlane<FIRST>>,
     /// Share of objects whose boxes f32 would enlarge noticeably.
     pub(crate) outgrown: f64,
     /// Triangles of exactly no area.
@@ -47,7 +49,8 @@ impl PreparedScene {
         let local = Local::new(&scene);
         let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
         let filter = Filter::new(&scene, &local, &boxes);
-        Self { scene, local, boxes, filter, outgrown, flat }
+        let exact_planes = scene.planes().iter().map(ExactPlane::new).collect();
+        Self { scene, local, boxes, filter, exact_planes, outgrown, flat }
     }
 
     /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
@@ -120,7 +123,7 @@ impl PreparedScene {
         candidates: &[ObjectId],
     ) -> Result<Option<(ObjectId, f64)>, Unsure> {
         let ask = |ray: ExactRay<N>| -> Result<Option<(ObjectId, f64)>, Unsure> {
-            match arbiter::closest(&self.scene, &ray, candidates.iter().copied())? {
+            match arbiter::closest(self, &ray, candidates.iter().copied())? {
                 Some((decision, distance)) => Ok(Some((decision.id, distance.to_f64()?))),
                 None => Ok(None),
             }
@@ -144,7 +147,7 @@ impl PreparedScene {
             Occluded::Doubt => {
                 let d = Vector::new(to) - Vector::new(from);
                 let exact = ExactRay::<LAST>::new(from, d, Bound::ZERO);
-                let ask = |ray| arbiter::occluded(&self.scene, &ray, scratch.candidates());
+                let ask = |ray| arbiter::occluded(self, &ray, scratch.candidates());
                 ask(exact).or_else(|Unsure| ask(exact.taken_as_it_is())).unwrap_or(false)
             }
         }
