@@ -11,6 +11,14 @@ pub(crate) struct Item<T> {
     pub(crate) kind: u8,
 }
 
+impl<T: Coordinate> Item<T> {
+    /// Twice the centre.
+    #[inline(always)]
+    fn center(&self, k: usize) -> f64 {
+        self.lo[k].to_f64() + self.hi[k].to_f64()
+    }
+}
+
 /// A node of the binary hierarchy.
 #[derive(Debug)]
 pub(crate) enum Binary<T> {
@@ -64,17 +72,18 @@ struct Bin<T> {
     count: u32,
 }
 
-struct Bins<T>([[Bin<T>; BINS]; 3]);
+/// B bins on each axis.
+struct Bins<T, const B: usize>([[Bin<T>; B]; 3]);
 
-impl<T: Coordinate> Bins<T> {
+impl<T: Coordinate, const B: usize> Bins<T, B> {
     fn new() -> Self {
-        Self([[Bin { bounds: Bounds::EMPTY, count: 0 }; BINS]; 3])
+        Self([[Bin { bounds: Bounds::EMPTY, count: 0 }; B]; 3])
     }
 
     fn fill(mut self, items: &[Item<T>], scale: &Scale) -> Self {
         for item in items {
             for k in 0..3 {
-                let bin = &mut self.0[k][scale.bin(item, k)];
+                let bin = &mut self.0[k][scale.bin::<T, B>(item, k)];
                 bin.bounds.add(&item.lo, &item.hi);
                 bin.count += 1;
             }
@@ -98,10 +107,14 @@ struct Scale {
 }
 
 impl Scale {
-    fn bin<T: Coordinate>(&self, item: &Item<T>, k: usize) -> usize {
-        let c = item.lo[k].to_f64() + item.hi[k].to_f64();
+    fn new(lo: [f64; 3], hi: [f64; 3], bins: usize) -> Self {
+        Self { origin: lo, factor: [0, 1, 2].map(|k| bins as f64 * (1.0 - 1e-9) / (hi[k] - lo[k])) }
+    }
+
+    #[inline(always)]
+    fn bin<T: Coordinate, const B: usize>(&self, item: &Item<T>, k: usize) -> usize {
         // `as` saturates, and sends NaN (an infinite extent) to 0.
-        (((c - self.origin[k]) * self.factor[k]) as usize).min(BINS - 1)
+        (((item.center(k) - self.origin[k]) * self.factor[k]) as usize).min(B - 1)
     }
 }
 
@@ -116,7 +129,7 @@ fn bounds_of<T: Coordinate>(items: &[Item<T>]) -> (Bounds<T>, [f64; 3], [f64; 3]
     for i in items {
         bounds.add(&i.lo, &i.hi);
         for k in 0..3 {
-            let c = i.lo[k].to_f64() + i.hi[k].to_f64();
+            let c = i.center(k);
             lo[k] = lo[k].min(c);
             hi[k] = hi[k].max(c);
         }
@@ -168,18 +181,41 @@ fn split<T: Coordinate>(
     // Very uneven scenes could make a tree as deep as it has items; halving by count ends that.
     if depth > 60 {
         let k = (0..3).max_by(|&a, &b| (hi[a] - lo[a]).total_cmp(&(hi[b] - lo[b])))?;
-        let key = |i: &Item<T>| i.lo[k].to_f64() + i.hi[k].to_f64();
-        items.sort_unstable_by(|a, b| key(a).total_cmp(&key(b)).then(a.id.cmp(&b.id)));
+        items.sort_unstable_by(|a, b| a.center(k).total_cmp(&b.center(k)).then(a.id.cmp(&b.id)));
         return Some((0.0, items.len() / 2));
     }
     // Most nodes are small ones, where the bins would cost more than the items in them.
-    let count = if items.len() > FEW { BINS } else { BINS / 2 };
-    let scale = Scale { origin: lo, factor: [0, 1, 2].map(|k| count as f64 * (1.0 - 1e-9) / (hi[k] - lo[k])) };
+    let (cost, middle) = match items.len() {
+        2 => split_two(items, lo, hi)?,
+        n if n <= FEW => split_bins::<T, { BINS / 2 }>(items, lo, hi)?,
+        _ => split_bins::<T, BINS>(items, lo, hi)?,
+    };
+    let area = bounds.half_area();
+    Some((if area > 0.0 { STEP_COST + cost / area } else { f64::INFINITY }, middle))
+}
+
+/// What bins would make of two items.
+fn split_two<T: Coordinate>(items: &mut [Item<T>], lo: [f64; 3], hi: [f64; 3]) -> Option<(f64, usize)> {
+    let scale = Scale::new(lo, hi, BINS / 2);
+    let k = (0..3).find(|&k| hi[k] > lo[k] && scale.factor[k].is_finite() && scale.factor[k] > 0.0)?;
+    if items[1].center(k) < items[0].center(k) {
+        items.swap(0, 1);
+    }
+    let area = |i: &Item<T>| Bounds { lo: i.lo, hi: i.hi }.half_area();
+    Some((area(&items[0]) + area(&items[1]), 1))
+}
+
+fn split_bins<T: Coordinate, const B: usize>(
+    items: &mut [Item<T>],
+    lo: [f64; 3],
+    hi: [f64; 3],
+) -> Option<(f64, usize)> {
+    let scale = Scale::new(lo, hi, B);
     let bins = if items.len() > 8 * PARALLEL {
         use rayon::prelude::*;
         items
             .par_chunks(2 * PARALLEL)
-            .map(|c| Bins::new().fill(c, &scale))
+            .map(|c| Bins::<T, B>::new().fill(c, &scale))
             .reduce_with(|a, b| a.merge(&b))
             .unwrap_or_else(Bins::new)
     } else {
@@ -190,29 +226,34 @@ fn split<T: Coordinate>(
         if !(hi[k] > lo[k]) || !scale.factor[k].is_finite() {
             continue;
         }
-        let mut right = [0.0; BINS];
-        let (mut b, mut n) = (Bounds::EMPTY, 0);
-        for i in (1..count).rev() {
-            let bin = &bins.0[k][i];
-            b.add(&bin.bounds.lo, &bin.bounds.hi);
-            n += bin.count;
-            right[i] = b.half_area() * f64::from(n);
+        let bins = &bins.0[k];
+        let mut right = [0.0; B];
+        let (mut b, mut n, mut cost) = (Bounds::EMPTY, 0, 0.0);
+        for i in (1..B).rev() {
+            // An empty bin changes nothing.
+            if bins[i].count > 0 {
+                b.add(&bins[i].bounds.lo, &bins[i].bounds.hi);
+                n += bins[i].count;
+                cost = b.half_area() * f64::from(n);
+            }
+            right[i] = cost;
         }
         let (mut b, mut n) = (Bounds::EMPTY, 0);
-        for i in 1..count {
-            let bin = &bins.0[k][i - 1];
+        for i in 1..B {
+            let bin = &bins[i - 1];
+            if bin.count == 0 {
+                continue;
+            }
             b.add(&bin.bounds.lo, &bin.bounds.hi);
             n += bin.count;
             let cost = b.half_area() * f64::from(n) + right[i];
-            if n > 0 && (n as usize) < items.len() && best.is_none_or(|(c, ..)| cost < c) {
+            if (n as usize) < items.len() && best.is_none_or(|(c, ..)| cost < c) {
                 best = Some((cost, k, i));
             }
         }
     }
     let (cost, axis, at) = best?;
-    let middle = partition(items, |i| scale.bin(i, axis) < at);
-    let area = bounds.half_area();
-    Some((if area > 0.0 { STEP_COST + cost / area } else { f64::INFINITY }, middle))
+    Some((cost, partition(items, |i| scale.bin::<T, B>(i, axis) < at)))
 }
 
 /// Moves what satisfies `first` to the front, as the items' order alone decides; returns how many.

@@ -6,15 +6,16 @@
 //! gives zero, and callers ask first.
 
 use std::cmp::Ordering;
+use std::hint::select_unpredictable;
 use std::ops::{Add, Mul, Neg, Sub};
 
 /// ± mantissa · 2^(exponent − 64·N), the mantissa's top bit set; zero has an all-zero mantissa.
 /// Limbs are stored least significant first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Big<const N: usize> {
-    negative: bool,
-    exponent: i64,
-    limbs: [u64; N],
+    pub(super) negative: bool,
+    pub(super) exponent: i64,
+    pub(super) limbs: [u64; N],
 }
 
 impl<const N: usize> Big<N> {
@@ -160,157 +161,133 @@ impl<const N: usize> Big<N> {
         self.exponent.cmp(&other.exponent).then_with(|| self.limbs.iter().rev().cmp(other.limbs.iter().rev()))
     }
 
-    /// |self| + |other|, with the sign given.
-    fn add_magnitudes(big: &Self, small: &Self, negative: bool) -> Self {
-        let gap = (big.exponent - small.exponent) as u64;
-        if small.is_zero() || gap >= 64 * N as u64 {
-            return Self { negative, ..*big };
+    /// The limbs of `self` shifted down by `gap` ≤ 64·N bits, and a guard limb below them.
+    #[inline(always)]
+    fn aligned(&self, gap: u64) -> (u64, [u64; N]) {
+        let bit = (gap % 64) as u32;
+        // In two steps, so that a shift by nothing takes nothing from the limb above.
+        let join = |low: u64, high: u64| (low >> bit) | ((high << 1) << (63 ^ bit));
+        let at = |i: usize| if i < N { self.limbs[i] } else { 0 };
+        if gap < 64 {
+            return (join(0, self.limbs[0]), std::array::from_fn(|i| join(self.limbs[i], at(i + 1))));
         }
-        let shifted = shift_right(&small.limbs, gap);
-        let mut limbs = [0; N];
-        let mut carry = false;
-        for i in 0..N {
-            let (s, c1) = big.limbs[i].overflowing_add(shifted[i]);
-            let (s, c2) = s.overflowing_add(u64::from(carry));
-            limbs[i] = s;
-            carry = c1 || c2;
-        }
-        let mut exponent = big.exponent;
-        if carry {
-            limbs = shift_right(&limbs, 1);
-            limbs[N - 1] |= 1 << 63;
-            exponent += 1;
-        }
-        Self { negative, exponent, limbs }
+        let limb = (gap / 64) as usize;
+        (join(at(limb - 1), at(limb)), std::array::from_fn(|i| join(at(i + limb), at(i + limb + 1))))
     }
 
-    /// |big| − |small| where |big| > |small|, with the sign given.
-    fn sub_magnitudes(big: &Self, small: &Self, negative: bool) -> Self {
-        let gap = (big.exponent - small.exponent) as u64;
-        if small.is_zero() || gap > 64 * N as u64 {
-            return Self { negative, ..*big };
-        }
-        // One guard limb below keeps the error of a subtraction under one unit in the last place.
-        let mut guard = 0u64;
-        let shifted = {
-            let limb = (gap / 64) as usize;
-            let bit = (gap % 64) as u32;
-            if limb < N {
-                guard = if bit == 0 { 0 } else { small.limbs[limb] << (64 - bit) };
-            }
-            if bit == 0 && limb > 0 && limb <= N {
-                guard = small.limbs[limb - 1];
-            } else if limb > 0 && limb <= N && bit != 0 {
-                guard |= small.limbs[limb - 1] >> bit;
-            }
-            shift_right(&small.limbs, gap)
-        };
-        let (mut low, mut borrow) = 0u64.overflowing_sub(guard);
-        let mut limbs = [0; N];
-        for i in 0..N {
-            let (s, b1) = big.limbs[i].overflowing_sub(shifted[i]);
-            let (s, b2) = s.overflowing_sub(u64::from(borrow));
-            limbs[i] = s;
-            borrow = b1 || b2;
-        }
-        // Normalise over the N limbs and the guard.
-        let Some(top) = (0..N).rev().find(|&i| limbs[i] != 0) else {
-            if low == 0 {
-                return Self::ZERO;
-            }
-            let z = low.leading_zeros();
-            let mut out = [0; N];
-            out[N - 1] = low << z;
-            return Self { negative, exponent: big.exponent - 64 * N as i64 - i64::from(z), limbs: out };
-        };
-        let skip = N - 1 - top;
-        let z = limbs[top].leading_zeros();
-        if skip > 0 {
-            for i in (0..N).rev() {
-                limbs[i] = if i >= skip {
-                    limbs[i - skip]
-                } else if i + 1 == skip {
-                    low
-                } else {
-                    0
-                };
-            }
-            low = 0;
-        }
-        if z > 0 {
-            for i in (1..N).rev() {
-                limbs[i] = (limbs[i] << z) | (limbs[i - 1] >> (64 - z));
-            }
-            limbs[0] = (limbs[0] << z) | (low >> (64 - z));
-        }
-        Self { negative, exponent: big.exponent - 64 * skip as i64 - i64::from(z), limbs }
-    }
-
-    /// self / divisor; zero where the divisor is zero.
-    #[must_use]
-    pub fn over(self, divisor: Self) -> Self {
-        self * divisor.reciprocal()
-    }
-
-    /// 1 / self by Newton's iteration from an f64 start; zero for zero.
-    #[must_use]
-    pub fn reciprocal(self) -> Self {
+    /// self + other, or self − other where asked to `subtract`: without branches on signs or on which is greater,
+    /// which no processor foresees.
+    fn sum(&self, other: &Self, subtract: bool) -> Self {
+        let negative = other.negative != subtract;
         if self.is_zero() {
+            return if other.is_zero() { Self::ZERO } else { Self { negative, ..*other } };
+        }
+        if other.is_zero() {
+            return *self;
+        }
+        let key = |x: &Self| i128::from(x.exponent) << 64 | i128::from(x.limbs[N - 1]);
+        let (a, b) = (key(self), key(other));
+        let less = if a == b { self.cmp_magnitude(other) == Ordering::Less } else { a < b };
+        let big = select_unpredictable(less, other, self);
+        let small = select_unpredictable(less, self, other);
+        let sign = select_unpredictable(less, negative, self.negative);
+        let gap = (big.exponent - small.exponent) as u64;
+        if gap > 64 * N as u64 {
+            return Self { negative: sign, ..*big };
+        }
+        // A difference adds the complement. Its guard limb keeps the error below a unit of the last place.
+        let differ = self.negative != negative;
+        let flip = if differ { u64::MAX } else { 0 };
+        let (guard, mut limbs) = small.aligned(gap);
+        let (low, mut carry) = add(guard ^ flip, 0, differ);
+        for i in 0..N {
+            (limbs[i], carry) = add(big.limbs[i], limbs[i] ^ flip, carry);
+        }
+        Self::normal(sign, big.exponent, carry && !differ, limbs, low)
+    }
+
+    fn product(&self, other: &Self) -> Self {
+        if self.is_zero() || other.is_zero() {
             return Self::ZERO;
         }
-        let unit = Self { negative: false, exponent: 0, ..self }; // in [1/2, 1)
-        let one = Self::new(1.0);
-        let mut x = Self::new(1.0 / unit.to_f64());
-        for step in 0..Self::newton_steps() {
-            // Limbs that are zero cost a product nothing, where they are its first factor's.
-            let known = x.cut(step);
-            x = known + known * (one - known * unit);
+        // Columns below N − 1 cannot reach the kept limbs but for a carry of under 2N units of the guard.
+        let mut columns = [[0u64; 2]; N];
+        let product = &mut columns.as_flattened_mut()[..2 * N];
+        let mut row = |i: usize| {
+            let mut carry = 0u64;
+            for j in (N - 1).saturating_sub(i)..N {
+                let t = u128::from(self.limbs[i]) * u128::from(other.limbs[j])
+                    + u128::from(product[i + j])
+                    + u128::from(carry);
+                product[i + j] = t as u64;
+                carry = (t >> 64) as u64;
+            }
+            product[i + N] = carry;
+        };
+        // A number of the scene has one limb: callers put it first.
+        if self.limbs[..N - 1].iter().any(|&l| l != 0) {
+            (0..N - 1).for_each(&mut row);
         }
-        Self { negative: self.negative, exponent: x.exponent - self.exponent, ..x }
+        row(N - 1);
+        // The top bit is the highest or the one below it: then everything is doubled.
+        let small = product[2 * N - 1] >> 63 == 0;
+        let again = if small { u64::MAX } else { 0 };
+        let mut carry = small && product[N - 1] >> 63 == 1;
+        let mut limbs = [0; N];
+        for i in 0..N {
+            (limbs[i], carry) = add(product[N + i], product[N + i] & again, carry);
+        }
+        let exponent = self.exponent + other.exponent - i64::from(small);
+        Self { negative: self.negative != other.negative, exponent, limbs }
     }
 
-    /// The square root of `self`; zero where it is negative.
-    #[must_use]
-    pub fn sqrt(self) -> Self {
-        if self.is_zero() || self.negative {
-            return Self::ZERO;
+    /// The number of these limbs, `carry` above and `low` below them, its top bit brought to its place.
+    #[inline(always)]
+    fn normal(negative: bool, mut exponent: i64, carry: bool, mut limbs: [u64; N], mut low: u64) -> Self {
+        if limbs[N - 1] == 0 && !carry {
+            let Some(top) = limbs.iter().rposition(|&l| l != 0).map(|i| i + 1).or((low != 0).then_some(0)) else {
+                return Self::ZERO;
+            };
+            let skip = N - top;
+            let below = |i: usize| match i + 1 {
+                i if i > skip => limbs[i - 1 - skip],
+                i if i == skip => low,
+                _ => 0,
+            };
+            limbs = std::array::from_fn(below);
+            low = 0;
+            exponent -= 64 * skip as i64;
         }
-        let half_power = self.exponent.div_euclid(2);
-        let unit = self.scale(-2 * half_power); // in [1/2, 2)
-        let one = Self::new(1.0);
-        let mut x = Self::new(1.0 / unit.to_f64().sqrt());
-        for step in 0..Self::newton_steps() {
-            let known = x.cut(step);
-            x = known + (known * (one - known * (known * unit))).scale(-1);
-        }
-        (unit * x).scale(half_power)
-    }
-
-    /// Only the limbs that are right before step `step` of an iteration from 50 bits, and one more.
-    fn cut(mut self, step: u32) -> Self {
-        let right = (50usize << step).div_ceil(64) + 1;
-        for limb in self.limbs.iter_mut().rev().skip(right) {
-            *limb = 0;
-        }
-        self
-    }
-
-    fn newton_steps() -> u32 {
-        // 50 good bits at the start, twice as many after each step, one step for the last units.
-        (64 * N as u32).div_ceil(50).next_power_of_two().trailing_zeros() + 1
+        // With a carry, down by one bit: up by 63 from a limb further up.
+        let up = select_unpredictable(carry, 63, limbs[N - 1].leading_zeros());
+        let from = |i: usize| match i {
+            0 => low,
+            _ if i <= N => limbs[i - 1],
+            _ => 1,
+        };
+        let limbs = std::array::from_fn(|i| {
+            let high = select_unpredictable(carry, from(i + 2), from(i + 1));
+            let low = select_unpredictable(carry, from(i + 1), from(i));
+            (high << up) | ((low >> 1) >> (63 ^ up))
+        });
+        Self { negative, exponent: exponent + 64 * i64::from(carry) - i64::from(up), limbs }
     }
 }
 
-/// `limbs` shifted down by `by` bits.
-fn shift_right<const N: usize>(limbs: &[u64; N], by: u64) -> [u64; N] {
-    let (limb, bit) = ((by / 64) as usize, (by % 64) as u32);
-    let mut out = [0; N];
-    for i in 0..N.saturating_sub(limb) {
-        let low = limbs[i + limb] >> bit;
-        let high = if bit > 0 && i + limb + 1 < N { limbs[i + limb + 1] << (64 - bit) } else { 0 };
-        out[i] = low | high;
-    }
-    out
+/// a + b + carry.
+#[inline(always)]
+pub(super) fn add(a: u64, b: u64, carry: bool) -> (u64, bool) {
+    let (s, c1) = a.overflowing_add(b);
+    let (s, c2) = s.overflowing_add(u64::from(carry));
+    (s, c1 | c2)
+}
+
+/// a − b − borrow.
+#[inline(always)]
+pub(super) fn sub(a: u64, b: u64, borrow: bool) -> (u64, bool) {
+    let (s, b1) = a.overflowing_sub(b);
+    let (s, b2) = s.overflowing_sub(u64::from(borrow));
+    (s, b1 | b2)
 }
 
 /// `limbs` shifted up by `by` bits.
@@ -334,63 +311,25 @@ impl<const N: usize> Neg for Big<N> {
 
 impl<const N: usize> Add for Big<N> {
     type Output = Self;
+    #[inline]
     fn add(self, other: Self) -> Self {
-        let order = self.cmp_magnitude(&other);
-        let (big, small) = if order == Ordering::Less { (&other, &self) } else { (&self, &other) };
-        if big.is_zero() {
-            return Self::ZERO;
-        }
-        if self.negative == other.negative || small.is_zero() {
-            Self::add_magnitudes(big, small, big.negative)
-        } else if order == Ordering::Equal {
-            Self::ZERO
-        } else {
-            Self::sub_magnitudes(big, small, big.negative)
-        }
+        self.sum(&other, false)
     }
 }
 
 impl<const N: usize> Sub for Big<N> {
     type Output = Self;
+    #[inline]
     fn sub(self, other: Self) -> Self {
-        self + -other
+        self.sum(&other, true)
     }
 }
 
 impl<const N: usize> Mul for Big<N> {
     type Output = Self;
+    #[inline]
     fn mul(self, other: Self) -> Self {
-        if self.is_zero() || other.is_zero() {
-            return Self::ZERO;
-        }
-        // Columns below N − 1 cannot reach the kept limbs but for a carry of under 2N units of the guard.
-        let mut columns = [[0u64; 2]; N];
-        let product = &mut columns.as_flattened_mut()[..2 * N];
-        for i in 0..N {
-            if self.limbs[i] == 0 {
-                continue;
-            }
-            let mut carry = 0u64;
-            for j in (N - 1).saturating_sub(i)..N {
-                let t = u128::from(self.limbs[i]) * u128::from(other.limbs[j])
-                    + u128::from(product[i + j])
-                    + u128::from(carry);
-                product[i + j] = t as u64;
-                carry = (t >> 64) as u64;
-            }
-            product[i + N] = carry;
-        }
-        let mut limbs = [0; N];
-        limbs.copy_from_slice(&product[N..]);
-        let mut exponent = self.exponent + other.exponent;
-        if limbs[N - 1] >> 63 == 0 {
-            for i in (1..N).rev() {
-                limbs[i] = (limbs[i] << 1) | (limbs[i - 1] >> 63);
-            }
-            limbs[0] = (limbs[0] << 1) | (product[N - 1] >> 63);
-            exponent -= 1;
-        }
-        Self { negative: self.negative != other.negative, exponent, limbs }
+        self.product(&other)
     }
 }
 

@@ -3,6 +3,7 @@
 mod big;
 mod bound;
 pub mod predicates;
+mod quotient;
 mod vector;
 pub mod zero_area;
 

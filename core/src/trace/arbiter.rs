@@ -29,7 +29,9 @@ use glam::DVec3;
 use crate::geometry::local::{Kind, kind, surface_and_order};
 use crate::geometry::{Local, ObjectId, U};
 use crate::precise::{Big, Bound, Vector};
-use crate::scene::{PlanePosition, Scene};
+use crate::scene::{Plane, PlanePosition, Scene};
+
+use super::prepared::PreparedScene;
 
 /// Limbs of the numbers asked first, and of those asked last.
 pub(crate) const FIRST: usize = 4;
@@ -86,8 +88,8 @@ pub(crate) struct ExactHit<const N: usize> {
     pub(crate) p: Vector<N>,
     /// Outward or upward normal, of length `length`, not turned to the ray.
     normal: Vector<N>,
-    /// Its square.
-    square: Big<N>,
+    /// 2(n·d) / n²: how many normals the mirrored ray's direction lies back from the ray's.
+    back: Big<N>,
     /// Whether the ray strikes the other side.
     turned: bool,
     pub(crate) decision: Decision,
@@ -163,15 +165,42 @@ fn triangle<const N: usize>(scene: &Scene, i: usize) -> [Vector<N>; 3] {
     if t.by_sides() { [a, b, c] } else { [a, b - a, c - a] }
 }
 
-/// A plane's normal as written, and its offset along it: n · P = offset.
-fn plane<const N: usize>(scene: &Scene, i: usize) -> (Vector<N>, Big<N>) {
-    let p = &scene.planes()[i];
-    let n = Vector::new(p.normal);
-    let offset = match p.position {
-        PlanePosition::Point(q) => n.dot(&Vector::new(q)),
-        PlanePosition::Distance(d) => Big::new(d) * n.length(),
-    };
-    (n, offset)
+/// A plane in wide numbers: n · P = offset.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExactPlane<const N: usize> {
+    n: Vector<N>,
+    offset: Big<N>,
+    /// 2 / n², what mirrors a ray.
+    fold: Big<N>,
+    /// The normal's size, and the plane's distance from the origin.
+    length: Bound,
+    reach: Bound,
+}
+
+impl<const N: usize> ExactPlane<N> {
+    pub(crate) fn new(plane: &Plane) -> Self {
+        let n = Vector::new(plane.normal);
+        let offset = match plane.position {
+            PlanePosition::Point(q) => n.dot(&Vector::new(q)),
+            PlanePosition::Distance(d) => Big::new(d) * n.length(),
+        };
+        let reach = Bound::of(&offset).over(&n.0[largest(&n)]);
+        Self { n, offset, fold: Big::new(2.0).over(n.dot(&n)), length: size(&n), reach }
+    }
+
+    /// Plane `i`: of the first width there is one ready.
+    fn of(prepared: &PreparedScene, i: usize) -> Self {
+        if N != FIRST {
+            return Self::new(&prepared.scene.planes()[i]);
+        }
+        let ExactPlane { n, offset, fold, length, reach } = &prepared.exact_planes[i];
+        Self { n: n.resize(), offset: offset.resize(), fold: fold.resize(), length: *length, reach: *reach }
+    }
+
+    fn cross(&self, ray: &ExactRay<N>) -> Crossing<N> {
+        let reach = size(&ray.o) + self.reach;
+        Crossing::new(ray, self.offset - self.n.dot(&ray.o), self.n.dot(&ray.d), self.length, reach)
+    }
 }
 
 /// |v| up to a factor below 2, from below: its largest component. Enough for terms.
@@ -231,14 +260,6 @@ impl<const N: usize> Crossing<N> {
         let error = times((self.num_error + size * self.den_error).over(&self.den), 1) + rounding * size;
         Distance { t, error }
     }
-}
-
-fn cross_plane<const N: usize>(scene: &Scene, ray: &ExactRay<N>, i: usize) -> (Crossing<N>, Vector<N>) {
-    let (n, offset) = plane(scene, i);
-    let length = size(&n);
-    // The offset over the normal's length is a place.
-    let reach = size(&ray.o) + Bound::of(&offset).over(&n.0[largest(&n)]);
-    (Crossing::new(ray, offset - n.dot(&ray.o), n.dot(&ray.d), length, reach), n)
 }
 
 /// Which component is the largest.
@@ -345,17 +366,18 @@ impl<const N: usize> Chord<N> {
 
 /// Where `ray` first meets object `id` at t > 0, and whether that is a sphere's inner side.
 pub(crate) fn meet<const N: usize>(
-    scene: &Scene,
+    prepared: &PreparedScene,
     ray: &ExactRay<N>,
     id: ObjectId,
 ) -> Result<Option<(Distance<N>, bool)>, Unsure> {
+    let scene = &prepared.scene;
     let own = ray.from.filter(|f| f.id == id);
     let rounding = ray.slack.rounding;
     match kind(scene, id) {
         // A line meets a flat surface once.
         Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
         Kind::Plane(i) => {
-            let (crossing, _) = cross_plane(scene, ray, i);
+            let crossing = ExactPlane::of(prepared, i).cross(ray);
             let leans = crossing.leans()?;
             Ok((leans != 0 && crossing.ahead()? * leans > 0).then(|| (crossing.distance(rounding), false)))
         }
@@ -412,14 +434,14 @@ fn meet_triangle<const N: usize>(
 
 /// The nearest of `candidates` along `ray`; equal distances go to the first in the document.
 pub(crate) fn closest<const N: usize>(
-    scene: &Scene,
+    prepared: &PreparedScene,
     ray: &ExactRay<N>,
     candidates: impl Iterator<Item = ObjectId>,
 ) -> Result<Option<(Decision, Distance<N>)>, Unsure> {
     let mut best: Option<(Decision, Distance<N>, u32)> = None;
     for id in candidates {
-        let Some((t, inside)) = meet(scene, ray, id)? else { continue };
-        let order = surface_and_order(scene, id).1;
+        let Some((t, inside)) = meet(prepared, ray, id)? else { continue };
+        let order = surface_and_order(&prepared.scene, id).1;
         let nearer = match &best {
             None => true,
             Some((_, bt, bo)) => match t.compare(bt)? {
@@ -437,13 +459,13 @@ pub(crate) fn closest<const N: usize>(
 
 /// Whether one of `candidates` meets the open segment from `ray.o` to `ray.o + ray.d`.
 pub(crate) fn occluded<const N: usize>(
-    scene: &Scene,
+    prepared: &PreparedScene,
     ray: &ExactRay<N>,
     candidates: impl Iterator<Item = ObjectId>,
 ) -> Result<bool, Unsure> {
     let one = Distance { t: Big::new(1.0), error: Bound::ZERO };
     for id in candidates {
-        if let Some((t, _)) = meet(scene, ray, id)?
+        if let Some((t, _)) = meet(prepared, ray, id)?
             && t.compare(&one)? == Ordering::Less
         {
             return Ok(true);
@@ -453,10 +475,15 @@ pub(crate) fn occluded<const N: usize>(
 }
 
 /// The point where `ray` meets `decision`, known to be what it meets.
-pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
+pub(crate) fn hit<const N: usize>(
+    prepared: &PreparedScene,
+    ray: &ExactRay<N>,
+    decision: Decision,
+) -> Result<ExactHit<N>, Unsure> {
+    let scene = &prepared.scene;
     let Slack { lateral, turn, rounding, .. } = ray.slack;
     let travelled = |t: &Big<N>| (Bound::of(t) * size(&ray.d), size(&ray.o));
-    let flat = |crossing: &Crossing<N>, n: Vector<N>| {
+    let flat = |crossing: &Crossing<N>, n: Vector<N>, back: Big<N>| {
         // A distance that vanishes beside its terms has lost its digits.
         crossing.ahead()?;
         let t = crossing.num.over(crossing.den);
@@ -471,16 +498,17 @@ pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: De
         let bend = times(rounding * crossing.den_terms, 1).over(&along).over(&ray.d.0[largest(&ray.d)]);
         let slack = Slack { lateral, place, turn: turn + times(bend, 2), rounding };
         let turned = crossing.den.signum() > 0;
-        Ok(ExactHit { p: ray.o + ray.d * t, normal: n, square: n.dot(&n), turned, decision, slack, bend })
+        Ok(ExactHit { p: ray.o + ray.d * t, normal: n, back, turned, decision, slack, bend })
     };
     match kind(scene, decision.id) {
         Kind::Plane(i) => {
-            let (crossing, n) = cross_plane(scene, ray, i);
-            flat(&crossing, n)
+            let plane = ExactPlane::of(prepared, i);
+            let crossing = plane.cross(ray);
+            flat(&crossing, plane.n, crossing.den * plane.fold)
         }
         Kind::Triangle(i) => {
             let (crossing, n) = cross_triangle(ray, &triangle(scene, i));
-            flat(&crossing, n)
+            flat(&crossing, n, crossing.den.scale(1).over(n.dot(&n)))
         }
         Kind::Sphere(i) => {
             let s = &scene.spheres()[i];
@@ -502,7 +530,9 @@ pub(crate) fn hit<const N: usize>(scene: &Scene, ray: &ExactRay<N>, decision: De
                 return Err(Unsure);
             }
             let slack = Slack { lateral: place, place, turn: turn + times(bend, 2) + rounding, rounding };
-            Ok(ExactHit { p, normal: p - c, square: r * r, turned: decision.inside, decision, slack, bend })
+            let normal = p - c;
+            let back = normal.dot(&ray.d).scale(1).over(r * r);
+            Ok(ExactHit { p, normal, back, turned: decision.inside, decision, slack, bend })
         }
     }
 }
@@ -513,7 +543,7 @@ impl<const N: usize> ExactHit<N> {
         ExactHit {
             p: self.p.resize(),
             normal: self.normal.resize(),
-            square: self.square.resize(),
+            back: self.back.resize(),
             turned: self.turned,
             decision: self.decision,
             slack: self.slack,
@@ -531,10 +561,9 @@ impl<const N: usize> ExactHit<N> {
             && fine(self.bend, -VALUE)
     }
 
-    /// The ray reflected from here.
+    /// The ray along `d`, which met this, reflected from here.
     pub(crate) fn reflect(&self, d: &Vector<N>) -> ExactRay<N> {
-        let along = self.normal.dot(d).scale(1).over(self.square);
-        ExactRay { o: self.p, d: *d - self.normal * along, from: Some(self.decision), slack: self.slack }
+        ExactRay { o: self.p, d: *d - self.normal * self.back, from: Some(self.decision), slack: self.slack }
     }
 
     /// The segment from here to `light`, a world point.

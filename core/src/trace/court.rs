@@ -29,7 +29,7 @@ impl<const N: usize> ExactPath<N> {
     /// The ray after all decisions of the trail.
     fn ray(&mut self, case: &Case<'_>) -> Result<&ExactRay<N>, Unsure> {
         while !self.lost && self.done < case.trail.len() {
-            match self.met(case, case.trail[self.done]) {
+            match Self::met(&mut self.hit, &self.ray, case, case.trail[self.done]) {
                 Ok(hit) => {
                     self.ray = hit.reflect(&self.ray.d);
                     self.hit = None;
@@ -41,22 +41,26 @@ impl<const N: usize> ExactPath<N> {
         if self.lost { Err(Unsure) } else { Ok(&self.ray) }
     }
 
-    /// Where the ray that was reached meets `decision`: asked for each light, and by the next step.
-    fn met(&mut self, case: &Case<'_>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
-        if let Some((of, hit)) = self.hit
-            && of == decision
-        {
-            return Ok(hit);
+    /// Where `ray`, which was reached, meets `decision`: asked for each light, and by the next step.
+    fn met<'a>(
+        known: &'a mut Option<(Decision, ExactHit<N>)>,
+        ray: &ExactRay<N>,
+        case: &Case<'_>,
+        decision: Decision,
+    ) -> Result<&'a ExactHit<N>, Unsure> {
+        if known.is_none_or(|(of, _)| of != decision) {
+            *known = None;
         }
-        let hit = arbiter::hit(&case.tracer.prepared.scene, &self.ray, decision)?;
-        self.hit = Some((decision, hit));
-        Ok(hit)
+        Ok(match known {
+            Some((_, hit)) => hit,
+            none => &none.insert((decision, arbiter::hit(&case.tracer.prepared, ray, decision)?)).1,
+        })
     }
 
-    /// The point met by the ray after all decisions of the trail.
-    fn hit(&mut self, case: &Case<'_>, decision: Decision) -> Result<ExactHit<N>, Unsure> {
+    /// The point met by the ray after all decisions of the trail, and that ray.
+    fn hit(&mut self, case: &Case<'_>, decision: Decision) -> Result<(&ExactHit<N>, &ExactRay<N>), Unsure> {
         self.ray(case)?;
-        self.met(case, decision)
+        Ok((Self::met(&mut self.hit, &self.ray, case, decision)?, &self.ray))
     }
 
     /// The path in other numbers from where it is, what they hold taken as it is.
@@ -85,7 +89,7 @@ struct Closest<'a>(&'a [ObjectId]);
 impl Question for Closest<'_> {
     type Answer = Option<Decision>;
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Option<Decision>, Unsure> {
-        let found = arbiter::closest(&case.tracer.prepared.scene, path.ray(case)?, self.0.iter().copied())?;
+        let found = arbiter::closest(&case.tracer.prepared, path.ray(case)?, self.0.iter().copied())?;
         Ok(found.map(|(decision, _)| decision))
     }
 }
@@ -100,8 +104,8 @@ struct Occluded<'a> {
 impl Question for Occluded<'_> {
     type Answer = bool;
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<bool, Unsure> {
-        let segment = path.hit(case, self.met)?.towards(self.light);
-        arbiter::occluded(&case.tracer.prepared.scene, &segment, self.candidates.iter().copied())
+        let segment = path.hit(case, self.met)?.0.towards(self.light);
+        arbiter::occluded(&case.tracer.prepared, &segment, self.candidates.iter().copied())
     }
 }
 
@@ -154,11 +158,11 @@ impl WideHit {
 impl Question for Hit {
     type Answer = (WideHit, DVec3);
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure> {
-        let hit = path.hit(case, self.met)?;
+        let (hit, ray) = path.hit(case, self.met)?;
         if !hit.is_known() {
             return Err(Unsure);
         }
-        let d = if self.mirrored { hit.reflect(&path.ray.d).d.to_f64() } else { DVec3::ZERO };
+        let d = if self.mirrored { hit.reflect(&ray.d).d.to_f64() } else { DVec3::ZERO };
         let hit = if N == FIRST { WideHit::First(hit.resize()) } else { WideHit::Last(Box::new(hit.resize())) };
         Ok((hit, d))
     }

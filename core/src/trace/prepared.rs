@@ -1,11 +1,12 @@
 //! A scene made ready for rays.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{self, ExactRay, FIRST, LAST, Unsure};
+use super::arbiter::{self, ExactPlane, ExactRay, FIRST, LAST, Unsure};
 use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
@@ -22,6 +23,8 @@ pub struct PreparedScene {
     pub(crate) boxes: Boxes,
     /// The scene for packets of f32 rays, where its numbers allow that.
     pub(crate) filter: Option<Filter>,
+    /// The planes in wide numbers.
+    pub(crate) exact_planes: Vec<ExactPlane<FIRST>>,
     /// Share of objects whose boxes f32 would enlarge noticeably.
     pub(crate) outgrown: f64,
     /// Triangles of exactly no area.
@@ -47,26 +50,19 @@ impl PreparedScene {
         let local = Local::new(&scene);
         let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
         let filter = Filter::new(&scene, &local, &boxes);
-        Self { scene, local, boxes, filter, outgrown, flat }
+        let exact_planes = scene.planes().iter().map(ExactPlane::new).collect();
+        Self { scene, local, boxes, filter, exact_planes, outgrown, flat }
     }
 
     /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
     fn boxes(scene: &Scene, local: &Local) -> (Boxes, f64, usize) {
-        let first = scene.planes().len();
-        let spheres = scene.spheres().len();
-        let id = |i: usize| (first + i) as u32;
-        let sphere = |i: usize| Some((Local::sphere_box(&local.spheres[i]), id(i), 1));
-        let triangle = |i: usize| {
-            let t = &scene.triangles()[i];
-            (!zero_area::is_zero(&t.written, t.by_sides()))
-                .then(|| (Local::triangle_box(&local.triangle(t)), id(spheres + i), 0))
-        };
-        let all: Vec<(Aabb, u32, u8)> = (0..spheres)
-            .into_par_iter()
-            .filter_map(sphere)
-            .chain((0..scene.triangles().len()).into_par_iter().filter_map(triangle))
-            .collect();
-        let first_triangle = id(spheres);
+        let outgrown = AtomicUsize::new(0);
+        let (singles, flat) = items::<f32>(scene, local, &|b| {
+            if grows(b) {
+                outgrown.fetch_add(1, Ordering::Relaxed);
+            }
+        });
+        let first_triangle = (scene.planes().len() + scene.spheres().len()) as u32;
         let hidden = |a: u32, b: u32| {
             b < a
                 && b >= first_triangle
@@ -75,12 +71,11 @@ impl PreparedScene {
                     &scene.triangles()[(b - first_triangle) as usize],
                 )
         };
-        let flat = spheres + scene.triangles().len() - all.len();
-        let outgrown = all.par_iter().filter(|(b, ..)| grows(b)).count() as f64 / all.len().max(1) as f64;
+        let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
-            Boxes::Double(hierarchy(&all, &hidden))
+            Boxes::Double(hierarchy(items::<f64>(scene, local, &|_| ()).0, &hidden))
         } else {
-            Boxes::Single(hierarchy(&all, &hidden))
+            Boxes::Single(hierarchy(singles, &hidden))
         };
         (boxes, outgrown, flat)
     }
@@ -120,7 +115,7 @@ impl PreparedScene {
         candidates: &[ObjectId],
     ) -> Result<Option<(ObjectId, f64)>, Unsure> {
         let ask = |ray: ExactRay<N>| -> Result<Option<(ObjectId, f64)>, Unsure> {
-            match arbiter::closest(&self.scene, &ray, candidates.iter().copied())? {
+            match arbiter::closest(self, &ray, candidates.iter().copied())? {
                 Some((decision, distance)) => Ok(Some((decision.id, distance.to_f64()?))),
                 None => Ok(None),
             }
@@ -144,7 +139,7 @@ impl PreparedScene {
             Occluded::Doubt => {
                 let d = Vector::new(to) - Vector::new(from);
                 let exact = ExactRay::<LAST>::new(from, d, Bound::ZERO);
-                let ask = |ray| arbiter::occluded(&self.scene, &ray, scratch.candidates());
+                let ask = |ray| arbiter::occluded(self, &ray, scratch.candidates());
                 ask(exact).or_else(|Unsure| ask(exact.taken_as_it_is())).unwrap_or(false)
             }
         }
@@ -168,11 +163,39 @@ fn coincide(a: &Triangle, b: &Triangle) -> bool {
         && b.written.iter().all(|v| a.written.contains(v))
 }
 
-fn hierarchy<T: Coordinate>(all: &[(Aabb, u32, u8)], hidden: &(dyn Fn(u32, u32) -> bool + Sync)) -> Wide<T> {
-    let mut items: Vec<Item<T>> = all
-        .par_iter()
-        .map(|&(b, id, kind)| Item { lo: b.lo.to_array().map(T::down), hi: b.hi.to_array().map(T::up), id, kind })
-        .collect();
+/// The boxes of all spheres and of all triangles with an area, and how many have none. `see` is
+/// called with each box before it is rounded.
+fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(&Aabb) + Sync)) -> (Vec<Item<T>>, usize) {
+    /// Instead of a kind: a triangle without area.
+    const FLAT: u8 = u8::MAX;
+    let (first, spheres) = (scene.planes().len(), local.spheres.len());
+    let item = |i: usize| {
+        let (b, kind) = match i.checked_sub(spheres).map(|i| &scene.triangles()[i]) {
+            None => (Local::sphere_box(&local.spheres[i]), 1),
+            Some(t) if zero_area::is_zero(&t.written, t.by_sides()) => (Aabb::EMPTY, FLAT),
+            Some(t) => (Local::triangle_box(&local.triangle(t)), 0),
+        };
+        if kind != FLAT {
+            see(&b);
+        }
+        Item { lo: b.lo.to_array().map(T::down), hi: b.hi.to_array().map(T::up), id: (first + i) as u32, kind }
+    };
+    // Every one in its place first: that needs no second copy.
+    let all = spheres + scene.triangles().len();
+    let mut items: Vec<_> = (0..all).into_par_iter().map(item).collect();
+    if items.par_iter().any(|i| i.kind == FLAT) {
+        items.retain(|i| i.kind != FLAT);
+    }
+    let flat = all - items.len();
+    (items, flat)
+}
+
+fn hierarchy<T: Coordinate>(mut items: Vec<Item<T>>, hidden: &(dyn Fn(u32, u32) -> bool + Sync)) -> Wide<T> {
     let root = build_binary(&mut items);
-    Wide::collapse(root.as_ref(), &items, hidden)
+    let wide = Wide::collapse(root.as_ref(), &items, hidden);
+    // A million nodes take a while to be given back, and nobody waits for that.
+    if rayon::current_num_threads() > 1 {
+        rayon::spawn(move || drop((root, items)));
+    }
+    wide
 }

@@ -36,7 +36,7 @@ mod tests;
 mod world;
 
 use std::fs::File;
-use std::io::Read as _;
+use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 pub use diagnostic::{Code, Diagnostic, Place, Severity};
@@ -256,11 +256,52 @@ fn file_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     if kind.len() > max_bytes {
         return Err(too_long(max_bytes));
     }
-    let file = File::open(path).map_err(unreadable)?;
+    let mut file = File::open(path).map_err(unreadable)?;
     let mut bytes = Vec::new();
-    let room = usize::try_from(kind.len()).unwrap_or(usize::MAX).saturating_add(1);
-    bytes.try_reserve_exact(room).map_err(|_| "there is not enough memory for the file".to_owned())?;
+    let length = usize::try_from(kind.len()).unwrap_or(usize::MAX);
+    bytes
+        .try_reserve_exact(length.saturating_add(1))
+        .map_err(|_| "there is not enough memory for the file".to_owned())?;
+    if length > SEVERAL {
+        bytes = together(&file, length).map_err(unreadable)?;
+        file.seek(SeekFrom::Start(bytes.len() as u64)).map_err(unreadable)?;
+    }
     // One byte more than allowed shows a file that grew.
-    file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes).map_err(unreadable)?;
+    let most = max_bytes.saturating_add(1).saturating_sub(bytes.len() as u64);
+    file.take(most).read_to_end(&mut bytes).map_err(unreadable)?;
     Ok(bytes)
+}
+
+/// Files above this many bytes are read by several threads.
+const SEVERAL: usize = 4 << 20;
+
+/// The first `length` bytes of `file`, or as many as there are: each thread fetches its share, and
+/// the fresh memory for it, which takes as long as the parsing of half of them.
+#[cfg(unix)]
+fn together(file: &File, length: usize) -> std::io::Result<Vec<u8>> {
+    use rayon::prelude::*;
+    use std::os::unix::fs::FileExt;
+    let mut bytes = vec![0; length];
+    let fetch = |(i, part): (usize, &mut [u8])| -> std::io::Result<usize> {
+        let mut done = 0;
+        while done < part.len() {
+            match file.read_at(&mut part[done..], (i * SEVERAL + done) as u64) {
+                Ok(0) => break,
+                Ok(n) => done += n,
+                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(done)
+    };
+    let fetched = bytes.par_chunks_mut(SEVERAL).enumerate().map(fetch).collect::<std::io::Result<Vec<_>>>()?;
+    // A file that shrank ends where the first part does that is not full.
+    let full = fetched.iter().take_while(|&&n| n == SEVERAL).count();
+    bytes.truncate(full * SEVERAL + fetched.get(full).copied().unwrap_or(0));
+    Ok(bytes)
+}
+
+#[cfg(not(unix))]
+fn together(_: &File, _: usize) -> std::io::Result<Vec<u8>> {
+    Ok(Vec::new())
 }

@@ -91,13 +91,17 @@ impl<'t> Reader<'t> {
     fn children(&mut self, start: usize, stop: usize) -> End {
         let mut at = start;
         while at < stop {
-            if self.tuning.fast
-                && let Some(seen) = self.fast.object(at)
-            {
-                self.flush();
-                at = seen.end;
-                self.fast.take(seen, &mut self.part);
-                continue;
+            if self.tuning.fast {
+                // Behind white space alone the next piece begins: it is not to be read for nothing.
+                if self.text.as_bytes()[at..stop].iter().all(|b| lex::is_space(*b)) {
+                    return End::At(stop);
+                }
+                if let Some(seen) = self.fast.object(at) {
+                    self.flush();
+                    at = seen.end;
+                    self.fast.take(seen, &mut self.part);
+                    continue;
+                }
             }
             if self.part.findings.full() {
                 return End::Text;

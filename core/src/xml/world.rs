@@ -14,6 +14,7 @@ use super::Tuning;
 use super::assembly::Assembly;
 use super::finding::Limits;
 use super::lex::Token;
+use super::part::Part;
 use super::piece::{self, End, Reader, begins_object};
 
 /// Reads the children of the world that `open` begins into `assembly`. Gives the end tag,
@@ -27,14 +28,22 @@ pub(super) fn children(
 ) -> Option<Range<usize>> {
     let mut at = open.at.end;
     let mut broken = false;
-    loop {
+    let mut close = None;
+    // What was read last is put together while the next pieces are read.
+    let mut parts: Vec<Part> = Vec::new();
+    while close.is_none() && at < text.len() {
         let bounds = bounds(text.as_bytes(), at, tuning);
         let pieces: Vec<(usize, usize)> = bounds.windows(2).map(|w| (w[0], w[1])).collect();
-        let results: Vec<_> = pieces
-            .par_iter()
-            .enumerate()
-            .map(|(i, &(start, stop))| Reader::new(text, tuning, limits, i > 0, broken).read(start, stop))
-            .collect();
+        let read = |(i, &(start, stop)): (usize, &(usize, usize))| {
+            Reader::new(text, tuning, limits, i > 0, broken).read(start, stop)
+        };
+        let (results, full) = rayon::join(
+            || pieces.par_iter().enumerate().map(read).collect::<Vec<_>>(),
+            || add(assembly, std::mem::take(&mut parts)),
+        );
+        if full {
+            return None;
+        }
         for ((start, stop), result) in pieces.into_iter().zip(results) {
             if stop <= at {
                 continue; // the piece before reached beyond it
@@ -43,25 +52,37 @@ pub(super) fn children(
             let (part, end, now_broken) =
                 if usable { result } else { Reader::new(text, tuning, limits, false, broken).read(at, stop) };
             broken |= now_broken;
-            assembly.add(part);
-            if assembly.findings.full() {
-                assembly.cut = true;
-                return None;
-            }
+            parts.push(part);
             match end {
                 End::At(next) => at = next,
-                End::World(close) => return Some(close),
+                End::World(tag) => {
+                    close = Some(tag);
+                    break;
+                }
                 End::Text | End::Abandoned => at = text.len(),
             }
         }
-        if at >= text.len() {
-            // Behind other broken markup, the end tag may have been swallowed by it.
-            if !broken {
-                assembly.findings.push(piece::unclosed(text, open.name.clone()));
-            }
-            return None;
+    }
+    if add(assembly, parts) {
+        return None;
+    }
+    // Behind other broken markup, the end tag may have been swallowed by it.
+    if close.is_none() && !broken {
+        assembly.findings.push(piece::unclosed(text, open.name.clone()));
+    }
+    close
+}
+
+/// Adds `parts`, until as many errors are found as are reported: then it says so.
+fn add(assembly: &mut Assembly<'_>, parts: Vec<Part>) -> bool {
+    for part in parts {
+        assembly.add(part);
+        if assembly.findings.full() {
+            assembly.cut = true;
+            return true;
         }
     }
+    false
 }
 
 /// The pieces' beginnings and the last one's end, by rising offset.

@@ -3,6 +3,7 @@
 
 use crate::xml::assembly::Assembly;
 use crate::xml::finding::{Findings, Limits};
+use crate::xml::piece::{End, Reader};
 use crate::xml::{Diagnostic, Read, ReadError, ReadOptions, Tuning, frame, read, source};
 
 use super::{CAMERA, LIGHT};
@@ -208,4 +209,16 @@ fn guesses_inside_comments_are_thrown_away() {
     let read = same_for_all_cuts(&text).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(read.scene.lights().len(), 3);
     assert!(read.warnings.is_empty());
+}
+
+#[test]
+fn a_piece_ends_where_the_next_one_begins() {
+    // Else what was read beside it is read again by one thread.
+    for gap in ["", "\n", " \r\n\t"] {
+        let text = [LIGHT, LIGHT, LIGHT].join(gap);
+        let stop = 2 * (LIGHT.len() + gap.len());
+        let limits = Limits { errors: 1, warnings: 1 };
+        let (_, end, _) = Reader::new(&text, Tuning::default(), limits, false, false).read(0, stop);
+        assert_eq!(end, End::At(stop), "{gap:?}");
+    }
 }
