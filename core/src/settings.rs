@@ -104,9 +104,8 @@ pub enum Sampling {
     },
 }
 
-/// How large a part of a pixel's error may stay: the standard deviation of one edge crossing,
-/// one curve or one shaded patch, in billionths of full scale. A whole number, so that equal
-/// tolerances are equal everywhere.
+/// The standard deviation that a pixel's error may keep, in billionths of full scale. A whole
+/// number, so that equal tolerances are equal everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Tolerance {
     billionths: u32,
@@ -196,6 +195,9 @@ impl Quality {
 impl Sampling {
     /// The finest uniform grid, in cells along a pixel's edge.
     pub const MAX_GRID: u32 = 64;
+
+    /// For a target of the picture as a whole, whose passes bring tolerances of their own.
+    pub const TOWARDS_A_TARGET: Self = Self::Adaptive { tolerance: Tolerance::MAX, every_pixel: false };
 
     /// Uniform sampling by `samples` = n² points a pixel.
     ///

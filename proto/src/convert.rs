@@ -213,7 +213,7 @@ impl TryFrom<wire::Settings> for Settings {
         }
         let sampling = match (s.sample_grid, tolerance(s.tolerance_billionths)?) {
             (0, Some(tolerance)) => Sampling::Adaptive { tolerance, every_pixel: s.every_pixel },
-            (grid @ 1..=Sampling::MAX_GRID, None) => Sampling::Uniform { grid },
+            (grid @ 1..=Sampling::MAX_GRID, None) if !s.every_pixel => Sampling::Uniform { grid },
             _ => return Err(Malformed::Range("the sample grid")),
         };
         Ok(Self {
@@ -451,6 +451,8 @@ pub fn check_size(bytes: &[u8], format: PixelFormat, region: &Region) -> Result<
 
 #[cfg(test)]
 mod tests {
+    use tessera_core::settings::Quality;
+
     use super::*;
 
     fn settings() -> Settings {
@@ -465,8 +467,11 @@ mod tests {
     #[test]
     fn a_job_survives_the_wire() {
         for scene in [None, Some((SceneHash([7; 32]), 1234))] {
-            let job = Job { scene, settings: settings(), pixels: PixelFormat::Rgb16 };
-            assert_eq!(Job::try_from(wire::Job::from(job.clone())).unwrap(), job);
+            for sampling in [settings().sampling, Quality::Preview.sampling(), Quality::Final.sampling()] {
+                let settings = Settings { sampling, ..settings() };
+                let job = Job { scene, settings, pixels: PixelFormat::Rgb16 };
+                assert_eq!(Job::try_from(wire::Job::from(job.clone())).unwrap(), job);
+            }
         }
     }
 
@@ -482,6 +487,7 @@ mod tests {
             wire::Settings { sample_grid: 0, ..good },
             wire::Settings { sample_grid: 1 << 20, ..good },
             wire::Settings { transfer: 9, ..good },
+            wire::Settings { every_pixel: true, ..good },
         ] {
             assert!(Settings::try_from(bad).is_err(), "{bad:?}");
         }

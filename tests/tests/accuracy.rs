@@ -22,8 +22,13 @@ fn tracer(document: &Document, (w, h): (u32, u32), sampling: Sampling) -> Tracer
 
 /// What a document looks like within so many 8-bit steps, pixels' standard deviations, and rays.
 fn within(document: &Document, steps: f64, size: (u32, u32)) -> (Vec<[f32; 3]>, Vec<f32>, RayCounts) {
+    by(document, steps, false, size)
+}
+
+/// The same, every pixel keeping to it or not.
+fn by(document: &Document, steps: f64, every_pixel: bool, size: (u32, u32)) -> (Vec<[f32; 3]>, Vec<f32>, RayCounts) {
     let tolerance = Tolerance::new(steps / 255.0);
-    let (tile, sigma, rays) = tracer(document, size, Sampling::Adaptive { tolerance, every_pixel: false })
+    let (tile, sigma, rays) = tracer(document, size, Sampling::Adaptive { tolerance, every_pixel })
         .render_estimated(Region::new(0, 0, size.0, size.1).unwrap(), tolerance);
     (tile.pixels, sigma, rays)
 }
@@ -288,11 +293,39 @@ fn estimates_are_honest() {
 }
 
 #[test]
+fn every_pixel_of_a_final_picture_keeps_to_its_tolerance() {
+    let scenes = [("demo", generate::demo()), ("mirrors", generate::mirrors()), ("random", random_scene(3))];
+    let size = (80, 60);
+    for (name, document) in scenes {
+        let truth = uniformly(&document, 64, size);
+        let (pixels, sigma, _) = by(&document, 0.25, true, size);
+        // Nets end at 1,024 points.
+        let kept = sigma.iter().filter(|s| **s <= 0.2501 / 255.0).count() as f64 / sigma.len() as f64;
+        let close = |(p, t): (&[f32; 3], &[f32; 3])| (0..3).all(|k| (p[k] - t[k]).abs() <= 1.0 / 255.0);
+        let within = pixels.iter().zip(&truth).filter(|pair| close(*pair)).count() as f64 / sigma.len() as f64;
+        assert!(kept > 0.99 && within > 0.99, "{name}: {kept} keep to it, {within} are within 1/255");
+    }
+}
+
+#[test]
+fn perfect_mirrors_and_darkness_have_estimates() {
+    let mirror = Look::new(0.0, 0.0, 0.0, 0.0, 1.0);
+    let bright = white().plane(DVec3::Z, 3.0, mirror).sphere(DVec3::new(0.4, -0.3, -2.0), 1.1, black());
+    let dark = Document::new(DVec3::ZERO, DVec3::Z).plane(DVec3::Z, 3.0, mirror);
+    for document in [bright, dark] {
+        let (_, sigma, _) = within(&document, 0.5, SIZE);
+        let mean = sigma.iter().sum::<f32>() / sigma.len() as f32;
+        assert!(mean < 2.0 / 255.0, "{mean}");
+    }
+}
+
+#[test]
 fn any_division_of_a_picture_gives_the_same_pixels_and_estimates() {
     let (w, h) = (70, 53);
-    for document in [generate::mirrors(), generate::lights(30, 70), random_scene(5)] {
+    let scenes = [generate::mirrors(), generate::lights(30, 70), random_scene(5)];
+    for (document, every_pixel) in scenes.iter().flat_map(|d| [(d, false), (d, true)]) {
         let tolerance = Tolerance::new(2.0 / 255.0);
-        let tracer = tracer(&document, (w, h), Sampling::Adaptive { tolerance, every_pixel: false });
+        let tracer = tracer(document, (w, h), Sampling::Adaptive { tolerance, every_pixel });
         let whole = tracer.render_estimated(Region::new(0, 0, w, h).unwrap(), tolerance);
         for edge in [7, 16, 33] {
             let mut error = tessera_core::film::ErrorEstimate::default();
@@ -314,12 +347,11 @@ fn any_division_of_a_picture_gives_the_same_pixels_and_estimates() {
 #[test]
 fn every_instruction_set_gives_the_same_pixels() {
     let tolerance = Tolerance::new(1.0 / 255.0);
-    for document in [generate::mirrors(), random_scene(6)] {
+    for (document, every_pixel) in [(generate::mirrors(), false), (random_scene(6), false), (random_scene(6), true)] {
         let region = Region::new(0, 0, 60, 44).unwrap();
         let mut first: Option<(Vec<[u32; 3]>, RayCounts)> = None;
         for level in Level::all() {
-            let tracer =
-                tracer(&document, (60, 44), Sampling::Adaptive { tolerance, every_pixel: false }).with_level(level);
+            let tracer = tracer(&document, (60, 44), Sampling::Adaptive { tolerance, every_pixel }).with_level(level);
             let (tile, _, rays) = tracer.render_estimated(region, tolerance);
             let bits = tile.pixels.iter().map(|p| p.map(f32::to_bits)).collect();
             match &first {

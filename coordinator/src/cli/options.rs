@@ -72,8 +72,7 @@ impl Options {
         let sampling = match accuracy {
             Accuracy::Samples(samples) => Sampling::uniform(samples).map_err(Failure::usage)?,
             Accuracy::Quality(quality) => quality.sampling(),
-            // Tolerances come with the passes.
-            Accuracy::Error(_) | Accuracy::Time { .. } => Quality::Preview.sampling(),
+            Accuracy::Error(_) | Accuracy::Time { .. } => Sampling::TOWARDS_A_TARGET,
         };
         let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
         let whole = Region { x0: 0, y0: 0, x1: width, y1: height };

@@ -83,7 +83,9 @@ impl Knob {
     pub fn apply(&self, base: &Settings) -> (Settings, Goal) {
         let default = Settings { sampling: Quality::default().sampling(), ..*base };
         match *self {
-            Self::MaxError(steps) => (default, Goal::Error(steps / 255.0)),
+            Self::MaxError(steps) => {
+                (Settings { sampling: Sampling::TOWARDS_A_TARGET, ..*base }, Goal::Error(steps / 255.0))
+            }
             Self::Quality(quality) => (Settings { sampling: quality.sampling(), ..*base }, Goal::AsSet),
             Self::Samples(grid) => (Settings { sampling: Sampling::Uniform { grid }, ..*base }, Goal::AsSet),
             Self::MaxDepth(max_depth) => (Settings { max_depth, ..default }, Goal::AsSet),
@@ -106,7 +108,8 @@ mod tests {
         assert_eq!(told(Knob::Samples(3)), "--samples 9");
         assert_eq!(Knob::Samples(3).apply(&base).0.sampling, Sampling::Uniform { grid: 3 });
         assert_eq!(told(Knob::MaxError(0.5)), "--max-error 0.5");
-        assert_eq!(Knob::MaxError(0.5).apply(&base).1, Goal::Error(0.5 / 255.0));
+        let (settings, goal) = Knob::MaxError(0.5).apply(&base);
+        assert_eq!((settings.sampling, goal), (Sampling::TOWARDS_A_TARGET, Goal::Error(0.5 / 255.0)));
         assert_eq!(told(Knob::Quality(Quality::Preview)), "--quality preview");
         assert_eq!(told(Knob::MaxDepth(2)), "--max-depth 2");
         let (settings, goal) = Knob::MaxDepth(2).apply(&base);

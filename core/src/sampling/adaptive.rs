@@ -42,6 +42,7 @@ pub(crate) fn render(
     let mut errors = vec![0.0; region.area() as usize];
     let mut error = ErrorEstimate::default();
     let mut counts = RayCounts::default();
+    // Where nothing shines, nothing is followed.
     let least = FAINT * tolerance / tracer.brightest();
     for piece in region.blocks(PIECE) {
         let corners = Corners::new(tracer, piece, least);

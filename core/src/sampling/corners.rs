@@ -255,6 +255,10 @@ impl Corners {
 
     /// Bounds on what a path lost as too faint, and as too deep.
     pub(crate) fn lost(&self, s: &Seen) -> (f64, f64) {
+        if s.lost == 0.0 {
+            // However bright what it does not follow could be.
+            return (0.0, 0.0);
+        }
         let bound = s.lost * self.brightest;
         if s.lost <= self.least { (bound, 0.0) } else { (0.0, bound) }
     }

@@ -53,10 +53,12 @@ impl Side {
     /// Takes in whether that is like the start, like the end, or neither.
     pub(crate) fn learn(&mut self, like_start: Option<bool>) {
         match like_start {
-            Some(b) => self.bits = self.bits << 1 | u32::from(b),
+            Some(b) => {
+                self.bits = self.bits << 1 | u32::from(b);
+                self.known += 1;
+            }
             None => self.broken = self.known,
         }
-        self.known += 1;
     }
 }
 
@@ -254,5 +256,21 @@ impl Fit {
             _ => return false,
         }
         b.checked
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn something_third_ends_a_search_and_changes_nothing_that_was_found() {
+        let mut side = Side::default();
+        side.learn(Some(true));
+        side.learn(Some(false));
+        let found = (side.bracket(1), side.bracket(2));
+        side.learn(None);
+        assert_eq!((side.bracket(1), side.bracket(2)), found);
+        assert_eq!((side.known, side.broken), (2, 2));
     }
 }

@@ -145,7 +145,7 @@ mod tests {
         for pixel in [(0, 0), (7, 4), (65535, 3)] {
             let net = Net::of(pixel);
             for power in 0..MOST {
-                for start in [0, 1 << power] {
+                for start in (0..1 << MOST).step_by(1 << power) {
                     for a in 0..=power {
                         let mut seen = vec![false; 1 << power];
                         for k in 0..1 << power {

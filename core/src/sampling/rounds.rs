@@ -178,8 +178,9 @@ impl Block<'_> {
             self.finish(work.pixel, value, variance);
             return true;
         }
-        // Variances fall with the 1.5th power, and limits rise with the first.
-        let more = ((variance / limit).log2() / 2.5).ceil().clamp(1.0, f64::from(GROWTH[1])) as u32;
+        // Variances fall with the 1.5th power, and limits rise with the first or not at all.
+        let power_of_both = if self.every_pixel { 1.5 } else { 2.5 };
+        let more = (libm::log2(variance / limit) / power_of_both).ceil().clamp(1.0, f64::from(GROWTH[1])) as u32;
         self.spread(work, (power + more).min(net::MOST));
         false
     }

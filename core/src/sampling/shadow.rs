@@ -18,9 +18,10 @@ use crate::trace::{PathScratch, Tracer};
 const MESH: usize = 16;
 /// Objects times lights that are looked at, at most.
 const MOST: usize = 4_000_000;
-/// Up to so many, and wherever every pixel is to keep to the tolerance, it is looked what grazes an object falls on even if something is right behind,
+/// Up to so many, and up to [`MANY`] where every pixel is to keep to the tolerance, it is looked what grazes an object falls on even if something is right behind,
 /// and all outlines are followed.
 const THOROUGH: usize = 5_000;
+const MANY: usize = 50_000;
 
 /// The small shadows of a picture.
 pub(crate) fn marks(tracer: &Tracer) -> Vec<Mark> {
@@ -40,7 +41,7 @@ pub(crate) fn marks(tracer: &Tracer) -> Vec<Mark> {
         return Vec::new();
     }
     let every_pixel = matches!(tracer.settings().sampling, Sampling::Adaptive { every_pixel: true, .. });
-    let thorough = every_pixel || objects.len() * lights <= THOROUGH;
+    let thorough = objects.len() * lights <= if every_pixel { MANY } else { THOROUGH };
     objects
         .into_par_iter()
         .map_init(PathScratch::default, |scratch, id| {

@@ -305,7 +305,10 @@ pub(crate) fn mark_edges(tracer: &Tracer, p: &Polygon, light: u32, found: &mut V
             let at = [a[0] + d[0] * t, a[1] + d[1] * t];
             if inside(at[0], view.width()) && inside(at[1], view.height()) {
                 let pixel = pack(at[0] as u32, at[1] as u32);
-                found.push(Mark { pixel, what: What::Edge(light), area: 0.0, at: [0.5; 2] });
+                let mark = Mark { pixel, what: What::Edge(light), area: 0.0, at: [0.5; 2] };
+                if found.last().is_none_or(|m| (m.pixel, m.what) != (mark.pixel, mark.what)) {
+                    found.push(mark);
+                }
             }
         }
     }

@@ -86,7 +86,7 @@ pub(crate) struct ExactRay<const N: usize> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ExactHit<const N: usize> {
     pub(crate) p: Vector<N>,
-    /// Outward or upward normal, of length `length`, not turned to the ray.
+    /// Outward or upward normal, not turned to the ray.
     normal: Vector<N>,
     /// 2(n·d) / n²: how many normals the mirrored ray's direction lies back from the ray's.
     back: Big<N>,

@@ -187,7 +187,7 @@ impl Tracer {
         let sent = |m: &Material| m.albedo.max_element() * lights;
         let most = self.materials.iter().map(sent).fold(self.background.max_element(), f64::max);
         let reflect = self.materials.iter().map(|m| m.reflect).fold(0.0, f64::max);
-        most / (1.0 - reflect).max(0.0)
+        if most == 0.0 { 0.0 } else { most / (1.0 - reflect).max(0.0) }
     }
 
     pub(crate) fn marks(&self) -> &Marks {

@@ -262,8 +262,9 @@ fn file_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     bytes
         .try_reserve_exact(length.saturating_add(1))
         .map_err(|_| "there is not enough memory for the file".to_owned())?;
+    #[cfg(unix)]
     if length > SEVERAL {
-        bytes = together(&file, length).map_err(unreadable)?;
+        together(&file, length, &mut bytes).map_err(unreadable)?;
         file.seek(SeekFrom::Start(bytes.len() as u64)).map_err(unreadable)?;
     }
     // One byte more than allowed shows a file that grew.
@@ -273,15 +274,16 @@ fn file_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
 }
 
 /// Files above this many bytes are read by several threads.
+#[cfg(unix)]
 const SEVERAL: usize = 4 << 20;
 
-/// The first `length` bytes of `file`, or as many as there are: each thread fetches its share, and
+/// Puts the first `length` bytes of `file`, or as many as there are, into empty `bytes`: each thread fetches its share, and
 /// the fresh memory for it, which takes as long as the parsing of half of them.
 #[cfg(unix)]
-fn together(file: &File, length: usize) -> std::io::Result<Vec<u8>> {
+fn together(file: &File, length: usize, bytes: &mut Vec<u8>) -> std::io::Result<()> {
     use rayon::prelude::*;
     use std::os::unix::fs::FileExt;
-    let mut bytes = vec![0; length];
+    bytes.resize(length, 0);
     let fetch = |(i, part): (usize, &mut [u8])| -> std::io::Result<usize> {
         let mut done = 0;
         while done < part.len() {
@@ -298,10 +300,5 @@ fn together(file: &File, length: usize) -> std::io::Result<Vec<u8>> {
     // A file that shrank ends where the first part does that is not full.
     let full = fetched.iter().take_while(|&&n| n == SEVERAL).count();
     bytes.truncate(full * SEVERAL + fetched.get(full).copied().unwrap_or(0));
-    Ok(bytes)
-}
-
-#[cfg(not(unix))]
-fn together(_: &File, _: usize) -> std::io::Result<Vec<u8>> {
-    Ok(Vec::new())
+    Ok(())
 }
