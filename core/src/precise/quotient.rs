@@ -7,7 +7,7 @@ impl<const N: usize> Big<N> {
     /// self / divisor, truncated; zero where the divisor is zero.
     ///
     /// Long division by limbs (Knuth, *The Art of Computer Programming* 2, 4.3.1, algorithm D), each
-    /// limb of the quotient found by [`Inverse`].
+    /// limb of the quotient found by an inverse.
     #[must_use]
     pub fn over(self, divisor: Self) -> Self {
         if self.is_zero() || divisor.is_zero() {
