@@ -159,3 +159,54 @@ impl Inverse {
         if r >= d { q1.wrapping_add(1) } else { q1 }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use dashu_float::FBig;
+    use dashu_float::round::mode::Zero;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    type F = FBig<Zero, 2>;
+
+    /// Limbs as they are hardest on division: all bits, none, or one.
+    fn limbs() -> impl Strategy<Value = Vec<u64>> {
+        let limb = prop_oneof![Just(0), Just(1), Just(1 << 63), Just(u64::MAX - 1), Just(u64::MAX), any::<u64>()];
+        prop::collection::vec(limb, 24)
+    }
+
+    fn number<const N: usize>(limbs: &[u64], exponent: i64) -> Big<N> {
+        let mut limbs: [u64; N] = std::array::from_fn(|i| limbs[i]);
+        limbs[N - 1] |= 1 << 63;
+        Big { negative: false, exponent, limbs }
+    }
+
+    fn exact<const N: usize>(x: &Big<N>) -> F {
+        let wide = |l: u64| F::from(l).with_precision(8192).value();
+        let sum = (0..N).fold(wide(0), |sum, i| sum + (wide(x.limbs[i]) << (64 * i as isize)));
+        sum << (x.exponent - 64 * N as i64) as isize
+    }
+
+    fn holds<const N: usize>(n: &[u64], d: &[u64], exponent: i64) {
+        let (n, d) = (number::<N>(n, exponent), number::<N>(d, 0));
+        let q = n.over(d);
+        let unit = F::ONE.with_precision(8192).value() << (q.exponent - 64 * N as i64) as isize;
+        assert!(exact(&q) * exact(&d) <= exact(&n), "{n:?} / {d:?} is too large");
+        assert!((exact(&q) + unit) * exact(&d) > exact(&n), "{n:?} / {d:?} is too small");
+        let root = n.sqrt();
+        let slack = exact(&root) >> (64 * N as isize - 8);
+        let (low, high) = (exact(&root) - &slack, exact(&root) + &slack);
+        assert!(&low * &low <= exact(&n) && exact(&n) <= &high * &high, "the root of {n:?}");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(3_000))]
+        #[test]
+        fn quotients_and_roots_of_any_limbs_hold_what_they_promise(n in limbs(), d in limbs(), exponent in -5i64..5) {
+            holds::<4>(&n, &d, exponent);
+            holds::<8>(&n, &d, exponent);
+            holds::<24>(&n, &d, exponent);
+        }
+    }
+}
