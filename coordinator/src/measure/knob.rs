@@ -81,14 +81,15 @@ impl Knob {
     /// What a render under `base` becomes by it.
     #[must_use]
     pub fn apply(&self, base: &Settings) -> (Settings, Goal) {
-        let default = Settings { sampling: Quality::default().sampling(), ..*base };
         match *self {
             Self::MaxError(steps) => {
                 (Settings { sampling: Sampling::TOWARDS_A_TARGET, ..*base }, Goal::Error(steps / 255.0))
             }
             Self::Quality(quality) => (Settings { sampling: quality.sampling(), ..*base }, Goal::AsSet),
             Self::Samples(grid) => (Settings { sampling: Sampling::Uniform { grid }, ..*base }, Goal::AsSet),
-            Self::MaxDepth(max_depth) => (Settings { max_depth, ..default }, Goal::AsSet),
+            Self::MaxDepth(max_depth) => {
+                (Settings { max_depth, sampling: Quality::default().sampling(), ..*base }, Goal::AsSet)
+            }
         }
     }
 }

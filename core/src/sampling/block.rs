@@ -18,8 +18,8 @@ use super::small::{Mark, Marks, What};
 use super::strata::Strata;
 use super::work::{Key, View, Work};
 use crate::film::{PixelError, Region};
-use crate::trace::record::{Look, Probe, Records};
-use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch};
+use crate::trace::record::{Look, NONE, Probe, Records};
+use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
 /// Small things are looked at one by one, where a pixel has no more of them.
 const FEATURES: usize = 6;
@@ -36,7 +36,6 @@ const EXPECTED: f64 = 0.15;
 const CLEAN: f64 = 0.003;
 /// The power of two that a net begins with where small things are many.
 const CROWDED: u32 = 4;
-pub(super) const NONE: u32 = u32::MAX;
 /// A look at what is met first.
 const FIRST: Look = Look { from: NONE, last: 1, lights: 0 };
 
@@ -122,7 +121,7 @@ pub(crate) fn render(
 }
 
 impl Block<'_> {
-    fn origin(&self) -> PlanePoint {
+    pub(super) fn origin(&self) -> PlanePoint {
         plane_origin(self.tracer, self.region)
     }
 
@@ -159,14 +158,12 @@ impl Block<'_> {
         let (w, h, from) = (self.region.width(), self.region.height(), self.origin());
         let mut works = Vec::new();
         let mut marked = Vec::new();
-        // Neighbours in both ways make better packets.
-        let squares = (0..h).step_by(4).flat_map(|j| (0..w).step_by(4).map(move |i| (j, i)));
-        let order = squares
-            .flat_map(|(j0, i0)| (j0..h.min(j0 + 4)).flat_map(move |j| (i0..w.min(i0 + 4)).map(move |i| (j, i))));
+        let mut order = Vec::with_capacity(self.pixels.len());
+        packets(w, h, |i, j| order.push((i, j)));
         let (x0, x1) = (self.region.x0, self.region.x1);
         let rows: Vec<&[Mark]> =
             (self.region.y0..self.region.y1).map(|y| self.tracer.marks().of_row(x0, x1, y)).collect();
-        for (j, i) in order {
+        for (i, j) in order {
             let pixel = (j * w + i) as usize;
             let at = (self.region.x0 + i, self.region.y0 + j);
             let around = self.corners.around(at);
@@ -195,12 +192,10 @@ impl Block<'_> {
             let origin = PlanePoint { x: from.x + UNIT * i as i32, y: from.y - UNIT * j as i32 };
             let mut work = Work::new(pixel, at, origin, seen.map(|s| *s), hidden);
             let few = marks.len() <= FEATURES;
-            for m in marks {
-                if few {
-                    let p = m.at.map(|x| (f64::from(x) * f64::from(UNIT)).round() as i32);
-                    marked.push((works.len(), p, m));
-                    self.ask(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] }, FIRST);
-                }
+            for m in if few { marks } else { &[] } {
+                let p = m.at.map(|x| (f64::from(x) * f64::from(UNIT)).round() as i32);
+                marked.push((works.len(), p, m));
+                self.ask(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] }, FIRST);
             }
             work.crowded = !few;
             work.edges = edges.iter().filter_map(|m| m.what.light()).collect();

@@ -3,12 +3,12 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::lattice::{UNIT, plane_origin, range, rms};
+use super::lattice::{UNIT, extent, plane_origin, rms};
 use crate::film::Region;
 use crate::geometry::ObjectId;
 use crate::scene::Pigment;
 use crate::trace::record::{INSIDE, NONE, Records};
-use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch, mix};
+use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch, mix, packets};
 
 /// Corners along the edge of the pieces that threads take.
 const PIECE: u32 = 16;
@@ -29,6 +29,14 @@ const HIDDEN: f64 = 0.3;
 
 /// The corners of a pixel and of its neighbours, row by row.
 pub(crate) type Around<'a> = [&'a Seen; 16];
+
+/// The pairs of corners that are side by side, or one above the other.
+fn neighbours<'a>(around: &'a Around<'a>) -> impl Iterator<Item = (&'a Seen, &'a Seen)> {
+    (0..16).flat_map(move |k| {
+        let pairs = [(k + 1, k % 4 < 3), (k + 4, k < 12)].into_iter().filter(|(_, inside)| *inside);
+        pairs.map(move |(next, _)| (around[k], around[next]))
+    })
+}
 
 /// A path followed to its end.
 #[derive(Clone, Copy, Debug)]
@@ -97,16 +105,14 @@ impl Corners {
             .map_init(WaveScratch::default, |scratch, (i0, j0, i1, j1)| {
                 let mut points = Vec::with_capacity(((i1 - i0) * (j1 - j0)) as usize);
                 let mut places = Vec::with_capacity(points.capacity());
-                // Squares of 4 × 4 make packets.
-                for (j4, i4) in (j0..j1).step_by(4).flat_map(|j| (i0..i1).step_by(4).map(move |i| (j, i))) {
-                    for (j, i) in (j4..j1.min(j4 + 4)).flat_map(|j| (i4..i1.min(i4 + 4)).map(move |i| (j, i))) {
-                        places.push((j * w + i) as usize);
-                        points.push(PlanePoint {
-                            x: origin.x + UNIT * (i as i32 - BORDER as i32),
-                            y: origin.y - UNIT * (j as i32 - BORDER as i32),
-                        });
-                    }
-                }
+                packets(i1 - i0, j1 - j0, |i, j| {
+                    let (i, j) = (i0 + i, j0 + j);
+                    places.push((j * w + i) as usize);
+                    points.push(PlanePoint {
+                        x: origin.x + UNIT * (i as i32 - BORDER as i32),
+                        y: origin.y - UNIT * (j as i32 - BORDER as i32),
+                    });
+                });
                 let (mut records, mut counts) = (Records::new(lights), RayCounts::default());
                 tracer.record(&points, least, &mut records, scratch, &mut counts);
                 let seen: Vec<Seen> = (0..points.len()).map(|k| Seen::new(tracer, &records, k)).collect();
@@ -168,22 +174,17 @@ impl Corners {
                     hidden += e * e;
                 }
             }
-            let (lo, hi) = range(around.iter().filter(|s| s.pictured).map(|s| s.value));
-            let e = TEXTURE * rms(hi - lo);
+            let e = TEXTURE * extent(around.iter().filter(|s| s.pictured).map(|s| s.value));
             hidden += e * e;
         }
         if around[1..].iter().all(|s| s.rest == around[0].rest) {
             return hidden;
         }
         let (mut sum, mut count) = (0.0, 0.0);
-        for k in 0..16 {
-            for (next, inside) in [(k + 1, k % 4 < 3), (k + 4, k < 12)] {
-                if inside && around[k].rest != around[next].rest {
-                    let e = rms(around[k].value - around[next].value);
-                    sum += e * e;
-                    count += 1.0;
-                }
-            }
+        for (a, b) in neighbours(around).filter(|(a, b)| a.rest != b.rest) {
+            let e = rms(a.value - b.value);
+            sum += e * e;
+            count += 1.0;
         }
         let chance = if Self::clean(around) { LIKELY[0] } else { LIKELY[1] * count / 24.0 };
         hidden + chance * HIDDEN * HIDDEN * sum / count
@@ -191,15 +192,8 @@ impl Corners {
 
     /// The largest difference between neighbours around a pixel that show the same.
     pub(crate) fn slope(around: &Around<'_>) -> f64 {
-        let mut slope: f64 = 0.0;
-        for k in 0..16 {
-            for (next, inside) in [(k + 1, k % 4 < 3), (k + 4, k < 12)] {
-                if inside && around[k].signature == around[next].signature {
-                    slope = slope.max(rms(around[k].value - around[next].value));
-                }
-            }
-        }
-        slope
+        let alike = neighbours(around).filter(|(a, b)| a.signature == b.signature);
+        alike.map(|(a, b)| rms(a.value - b.value)).fold(0.0, f64::max)
     }
 
     /// Whether one straight edge could be all there is between corners.
@@ -239,9 +233,9 @@ impl Corners {
         let at = |i: usize, j: usize| around[4 * j + i];
         let inner = [at(1, 1), at(2, 1), at(1, 2), at(2, 2)].map(|s| s.value);
         let mean = (inner[0] + inner[1] + inner[2] + inner[3]) * 0.25;
-        let (lo, hi) = range(inner.into_iter());
+        let extent = extent(inner.into_iter());
         if (0..16).any(|k| at(k % 4, k / 4).signature != at(1, 1).signature) {
-            let e = ROUGH * rms(hi - lo);
+            let e = ROUGH * extent;
             return (mean, e * e);
         }
         // The trapezoid rule is off by a twelfth of the second derivative, and four values in a
@@ -249,7 +243,7 @@ impl Corners {
         let row = |j| at(0, j).value + at(3, j).value - at(1, j).value - at(2, j).value;
         let column = |i| at(i, 0).value + at(i, 3).value - at(i, 1).value - at(i, 2).value;
         let bend = (row(1) + row(2) + column(1) + column(2)) * (1.0 / 48.0);
-        let e = 0.5 * rms(bend) + FINE * rms(hi - lo);
+        let e = 0.5 * rms(bend) + FINE * extent;
         (mean - bend, e * e)
     }
 

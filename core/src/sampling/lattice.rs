@@ -16,9 +16,10 @@ pub(crate) fn rms(d: DVec3) -> f64 {
     (d.dot(d) / 3.0).sqrt()
 }
 
-/// The least and the greatest of each component.
-pub(crate) fn range(values: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
-    values.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)))
+/// How far values reach from the least to the greatest of each component.
+pub(crate) fn extent(values: impl Iterator<Item = DVec3>) -> f64 {
+    let (lo, hi) = values.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
+    rms(hi - lo)
 }
 
 pub(crate) fn vector(v: V3<f64>) -> DVec3 {

@@ -1,12 +1,12 @@
 //! How open pixels are settled, round after round: by their only edge, or by points of their nets.
 
-use super::block::{Block, NONE, Search};
+use super::block::{Block, Search};
 use super::fit::{Fit, Next, Side};
-use super::lattice::{UNIT, plane_origin, rms};
+use super::lattice::{UNIT, rms};
 use super::net;
 use super::work::{How, Key, Work};
 use crate::trace::PlanePoint;
-use crate::trace::record::{Look, Probe};
+use crate::trace::record::{Look, NONE, Probe};
 
 /// Powers of two that a net begins with, and grows by at a time at most.
 pub(super) const GROWTH: [u32; 2] = [2, 3];
@@ -26,7 +26,7 @@ impl Block<'_> {
         let Some(fit) = Fit::new(like, contrast) else { return false };
         let keys = [0, other].map(|k| Key::of(&self.corners.records, &work.views[k].seen, &look, &self.lights));
         let (i, j) = (work.at.0 - self.region.x0, work.at.1 - self.region.y0);
-        let width = self.region.width() + 1;
+        let (width, from) = (self.region.width() + 1, self.origin());
         let mut sides = [0; 2];
         for (side, k) in sides.iter_mut().zip(fit.crossed()) {
             // The upper, right, lower and left one.
@@ -36,7 +36,6 @@ impl Block<'_> {
                 *place = self.searches.len() as u32;
                 let start = if k < 2 { k } else { (k + 1) % 4 };
                 let ends = if like[start] { keys } else { [keys[1], keys[0]] };
-                let from = plane_origin(self.tracer, self.region);
                 let start = PlanePoint { x: from.x + UNIT * i as i32, y: from.y - UNIT * j as i32 };
                 let side = Side::default();
                 self.searches.push(Search { side, start, horizontal, look, ends, wanted: 0, asked: 0 });
@@ -92,20 +91,16 @@ impl Block<'_> {
                     }
                 }
                 Next::Points(points) => {
-                    let (look, start) = (*look, self.points.len());
-                    *asked = Some((start, points.len()));
+                    *asked = Some((self.points.len(), points.len()));
                     for p in points {
-                        let point = work.origin.at(p);
-                        self.points.push(point);
-                        self.looks.push(look);
+                        self.ask(work.origin.at(p), *look);
                     }
                     return false;
                 }
                 Next::Done(..) if !*trial => {
                     (*trial, *asked) = (true, Some((self.points.len(), TRIALS as usize)));
                     for k in 0..TRIALS {
-                        self.points.push(work.origin.at(work.net.place(k)));
-                        self.looks.push(*look);
+                        self.ask(work.origin.at(work.net.place(k)), *look);
                     }
                     return false;
                 }

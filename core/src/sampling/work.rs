@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::corners::Seen;
 use super::fit::Fit;
-use super::lattice::{UNIT, range, rms};
+use super::lattice::{UNIT, extent, rms};
 use super::net::{Cells, Net};
 use super::shape::Shape;
 use super::strata::{Part, Strata};
@@ -159,8 +159,7 @@ impl Work {
 
     /// Variance of the mean over the corners of what varies smoothly between them.
     pub(super) fn spread_of(&self, value: impl Fn(&View) -> DVec3) -> f64 {
-        let (lo, hi) = range(self.views.iter().map(value));
-        let e = SMOOTH * rms(hi - lo);
+        let e = SMOOTH * extent(self.views.iter().map(value));
         e * e
     }
 
@@ -208,10 +207,7 @@ impl Work {
 
     /// The value as far as whole paths tell, and the variance of its error.
     pub(super) fn first_guess(&self) -> (DVec3, f64) {
-        let extent = |views: &[&View]| {
-            let (lo, hi) = range(views.iter().map(|v| v.open));
-            rms(hi - lo)
-        };
+        let extent = |views: &[&View]| extent(views.iter().map(|v| v.open));
         let mean = |views: &[&View]| views.iter().fold(DVec3::ZERO, |sum, v| sum + v.open) * (1.0 / views.len() as f64);
         let all: Vec<&View> = self.views.iter().collect();
         let Some(strata) = &self.strata else {
@@ -244,8 +240,7 @@ impl Work {
     /// Mean and range of the corners on one side of an edge.
     pub(super) fn open_of(&self, like: &[bool; 4], side: bool) -> (DVec3, f64) {
         let of_side = || self.views.iter().zip(like).filter(|(_, l)| **l == side).map(|(v, _)| v.open);
-        let (lo, hi) = range(of_side());
-        (of_side().sum::<DVec3>() * (1.0 / of_side().count() as f64), rms(hi - lo))
+        (of_side().sum::<DVec3>() * (1.0 / of_side().count() as f64), extent(of_side()))
     }
 
     /// The value where the first corner's side of the only edge has this area, and the variance
@@ -288,11 +283,11 @@ impl Work {
         let all = probes.iter().fold(DVec3::ZERO, |sum, p| sum + p.radiance) * (1.0 / probes.len() as f64);
         let means: Vec<DVec3> = sums.iter().map(|s| if s.1 > 0.0 { s.0 * (1.0 / s.1) } else { all }).collect();
         let value = (0..parts).fold(self.base, |sum, k| sum + means[k] * strata.area(k));
-        let (lo, hi) = range((0..parts).filter(|&k| sums[k].1 > 0.0).map(|k| means[k]));
         let cells = Cells::new(*power, self.net, |k| probes[k].radiance - means[of[k]]);
         let residual = |v: &View| v.open - means[strata.of(v.at)];
         let corners = std::array::from_fn(|k| residual(&self.views[k]));
-        let doubt = CLAIMED * strata.doubt * rms(hi - lo);
+        let apart = extent((0..parts).filter(|&k| sums[k].1 > 0.0).map(|k| means[k]));
+        let doubt = CLAIMED * strata.doubt * apart;
         let mut variance = cells.variance(corners) + doubt * doubt + self.still;
         // Small things that were seen, but by no point of the net.
         for v in &self.views[4..] {

@@ -422,7 +422,7 @@ struct BlockScratch {
 
 /// Visits the cells of a grid so that sixteen in a row make a packet: squares of 4 × 4.
 #[inline(always)]
-fn packets(width: u32, height: u32, mut visit: impl FnMut(u32, u32)) {
+pub(crate) fn packets(width: u32, height: u32, mut visit: impl FnMut(u32, u32)) {
     for y0 in (0..height).step_by(4) {
         for x0 in (0..width).step_by(4) {
             for y in y0..height.min(y0 + 4) {

@@ -277,8 +277,9 @@ fn file_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
 #[cfg(unix)]
 const SEVERAL: usize = 4 << 20;
 
-/// Puts the first `length` bytes of `file`, or as many as there are, into empty `bytes`: each thread fetches its share, and
-/// the fresh memory for it, which takes as long as the parsing of half of them.
+/// Puts the first `length` bytes of `file`, or as many as there are, into empty `bytes`: each
+/// thread fetches its share, and the fresh memory for it, which takes as long as the parsing of
+/// half of them.
 #[cfg(unix)]
 fn together(file: &File, length: usize, bytes: &mut Vec<u8>) -> std::io::Result<()> {
     use rayon::prelude::*;
