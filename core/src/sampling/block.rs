@@ -12,6 +12,7 @@ use glam::{DVec2, DVec3};
 use super::corners::{Corners, Seen};
 use super::difference::Difference;
 use super::fit::Side;
+use super::gaps::Gaps;
 use super::lattice::{UNIT, plane_origin, rms};
 use super::rounds::GROWTH;
 use super::small::{Mark, Marks, What};
@@ -179,7 +180,8 @@ impl Block<'_> {
             let hidden = Corners::hidden(self.tracer, at, &around);
             let (edges, marks) = marks.split_at(marks.partition_point(|m| matches!(m.what, What::Edge(_))));
             let expected = self.expected(seen[0], edges);
-            let hidden = hidden + if alike { expected } else { 0.0 };
+            let gaps = Gaps::new(self.tracer, &self.corners.records, seen);
+            let hidden = hidden + gaps.variance + if alike { expected } else { 0.0 };
             if alike && marks.is_empty() {
                 let (value, variance) = Corners::smooth(&around);
                 let variance = variance + hidden;
@@ -198,7 +200,9 @@ impl Block<'_> {
                 self.ask(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] }, FIRST);
             }
             work.crowded = !few;
-            work.edges = edges.iter().filter_map(|m| m.what.light()).collect();
+            work.edges = gaps.lights;
+            work.edges.extend(edges.iter().filter_map(|m| m.what.light()));
+            work.mirrored_gaps = gaps.mirrored;
             works.push(work);
         }
         self.trace();
@@ -269,7 +273,7 @@ impl Block<'_> {
     /// Looks at what differs, from now on; at everything where that is not much dearer.
     fn look_at_what_differs(&mut self, work: &mut Work, around: &[&Seen]) {
         let rays = self.corners.rays(&work.views[0].seen);
-        if work.crowded || work.views.iter().any(|v| v.seen.pictured) {
+        if work.crowded || work.mirrored_gaps || work.views.iter().any(|v| v.seen.pictured) {
             work.look_at_all(rays);
             return;
         }

@@ -49,6 +49,8 @@ pub(crate) struct Seen {
     pub(crate) signature: u64,
     /// The same without the object met first.
     pub(crate) rest: u64,
+    /// A hash of what keeps lights from it.
+    pub(crate) shadows: u64,
     /// Whether it met a surface with a picture.
     pub(crate) pictured: bool,
     pub(crate) value: DVec3,
@@ -59,6 +61,7 @@ pub(crate) struct Seen {
 impl Seen {
     /// A recorded path in short.
     pub(crate) fn new(tracer: &Tracer, records: &Records, path: usize) -> Self {
+        let mut shadows = 0;
         let (mut first, mut rest, mut value, mut pictured, mut lost) = (None, 0, DVec3::ZERO, false, 0.0);
         for (i, m) in records.path(path) {
             if first.is_some() {
@@ -68,12 +71,15 @@ impl Seen {
             for &word in records.lights(i) {
                 rest = mix(rest, word);
             }
+            for &blocker in records.blockers(i) {
+                shadows = mix(shadows, u64::from(blocker));
+            }
             value += m.direct;
             lost = m.lost;
             pictured |= m.object().is_some_and(|o| matches!(tracer.material(ObjectId(o)).pigment, Pigment::Picture(_)));
         }
         let first = first.unwrap_or(NONE);
-        Self { path: path as u32, first, signature: mix(rest, u64::from(first)), rest, pictured, value, lost }
+        Self { path: path as u32, first, signature: mix(rest, u64::from(first)), rest, shadows, pictured, value, lost }
     }
 }
 
@@ -119,8 +125,16 @@ impl Corners {
                 (places, seen, records, counts)
             })
             .collect();
-        let blank =
-            Seen { path: 0, first: NONE, signature: 0, rest: 0, pictured: false, value: DVec3::ZERO, lost: 0.0 };
+        let blank = Seen {
+            path: 0,
+            first: NONE,
+            signature: 0,
+            rest: 0,
+            shadows: 0,
+            pictured: false,
+            value: DVec3::ZERO,
+            lost: 0.0,
+        };
         let mut corners = Self {
             region,
             records: Records::new(lights),

@@ -6,6 +6,7 @@ mod corners;
 mod detail;
 mod difference;
 mod fit;
+mod gaps;
 pub(crate) mod lattice;
 mod net;
 mod rounds;

@@ -106,6 +106,8 @@ pub(super) struct Work {
     pub(super) crowded: bool,
     /// Lights whose shadows' outlines pass.
     pub(super) edges: Vec<u32>,
+    /// Whether light may pass between shadows in mirrors.
+    pub(super) mirrored_gaps: bool,
     pub(super) looks: u32,
     pub(super) how: How,
 }
@@ -138,6 +140,7 @@ impl Work {
             hidden,
             crowded: false,
             edges: Vec::new(),
+            mirrored_gaps: false,
             looks: 0,
             how: How::Closed,
         }

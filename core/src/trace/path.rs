@@ -134,6 +134,15 @@ impl Tracer {
                             court.occluded(&case, decision, scene.lights()[k], &candidates)
                         }
                     };
+                    if blocked
+                        && let Some((record, path)) = &mut record
+                        && record.keeps_blockers()
+                    {
+                        self.prepared.closest(&shadow, Some(decision), query);
+                        if let Some(object) = query.seemingly_closest() {
+                            record.block(*path, k, object);
+                        }
+                    }
                     if !blocked {
                         cosines.push(cosine);
                         if let Some((record, path)) = &mut record {

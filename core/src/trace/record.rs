@@ -77,18 +77,22 @@ impl Meeting {
 /// Recorded paths, in the order they were asked for.
 #[derive(Clone, Debug)]
 pub(crate) struct Records {
+    lights: usize,
     /// Words of a meeting's lights.
     words: usize,
     first: Vec<u32>,
     meetings: Vec<Meeting>,
     /// The lights seen, a bit each.
     lit: Vec<u64>,
+    /// Of every light, the object that blocks it first; [`NONE`] where none does.
+    blockers: Vec<u32>,
 }
 
 impl Records {
     /// No paths, in a scene of so many lights.
     pub(crate) fn new(lights: usize) -> Self {
-        Self { words: lights.div_ceil(64), first: Vec::new(), meetings: Vec::new(), lit: Vec::new() }
+        let words = lights.div_ceil(64);
+        Self { lights, words, first: Vec::new(), meetings: Vec::new(), lit: Vec::new(), blockers: Vec::new() }
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -116,6 +120,11 @@ impl Records {
         &self.lit[meeting * self.words..(meeting + 1) * self.words]
     }
 
+    /// Of every light, the object that blocks it first at a meeting; [`NONE`] where none does.
+    pub(crate) fn blockers(&self, meeting: usize) -> &[u32] {
+        &self.blockers[meeting * self.lights..(meeting + 1) * self.lights]
+    }
+
     /// Adds the paths of `other`.
     pub(crate) fn append(&mut self, other: &Self) {
         let start = self.meetings.len() as u32;
@@ -123,6 +132,7 @@ impl Records {
         self.first.extend(other.first.iter().map(|&i| shift(i)));
         self.meetings.extend(other.meetings.iter().map(|m| Meeting { next: shift(m.next), ..*m }));
         self.lit.extend_from_slice(&other.lit);
+        self.blockers.extend_from_slice(&other.blockers);
     }
 }
 
@@ -258,6 +268,7 @@ impl<'a> Recording<'a> {
                 let hash = mix(before, u64::from(code) + 1);
                 records.meetings.push(Meeting { next: NONE, code, hash, p, n, weight, direct, lost: 0.0 });
                 records.lit.resize(records.lit.len() + records.words, 0);
+                records.blockers.resize(records.blockers.len() + records.lights, NONE);
             }
         }
     }
@@ -269,6 +280,18 @@ impl<'a> Recording<'a> {
                 records.lit[at] |= 1 << (light % 64);
             }
             Sink::Probes { probes, .. } => probes[path].lit = true,
+        }
+    }
+
+    /// Whether what blocks lights is kept.
+    pub(crate) fn keeps_blockers(&self) -> bool {
+        matches!(self.sink, Sink::Records { .. })
+    }
+
+    /// Notes what blocks `light` first at the latest meeting of `path`.
+    pub(crate) fn block(&mut self, path: usize, light: usize, object: u32) {
+        if let Sink::Records { records, latest, .. } = &mut self.sink {
+            records.blockers[latest[path] as usize * records.lights + light] = object;
         }
     }
 

@@ -186,6 +186,45 @@ impl Paths<'_, '_> {
         }
     }
 
+    /// Whether what blocks lights is recorded.
+    pub(super) fn keeps_blockers(&self) -> bool {
+        self.record.as_ref().is_some_and(Recording::keeps_blockers)
+    }
+
+    /// Records what blocks `light` from place `i` first: the `sure` object where there is no doubt, else as
+    /// far as f64 tells among `candidates`, or all objects.
+    #[inline(never)]
+    pub(super) fn block(
+        &mut self,
+        (rays, places): (&Rays, &Places),
+        i: usize,
+        light: usize,
+        sure: Option<u32>,
+        candidates: Option<impl Iterator<Item = u32>>,
+    ) {
+        let mut doubts = candidates.map(Iterator::peekable);
+        let settled = doubts.as_mut().is_some_and(|d| d.peek().is_none());
+        let object = match sure {
+            Some(sure) if settled => Some(sure & !INSIDE),
+            _ => {
+                let prepared = &self.tracer.prepared;
+                let place = places.one(i);
+                let to = V3::splat(prepared.local.lights[light]);
+                let ray = shade::towards(&place, to, to - place.p);
+                let met = decision(places.met[i]);
+                let ids = doubts.map(|d| d.chain(sure).map(|id| ObjectId(id & !INSIDE)));
+                match ids {
+                    Some(ids) => prepared.closest_among(&ray, met, ids, self.query),
+                    None => prepared.closest(&ray, met, self.query),
+                };
+                self.query.seemingly_closest()
+            }
+        };
+        if let (Some(object), Some(record)) = (object, &mut self.record) {
+            record.block(rays.path[i] as usize, light, object);
+        }
+    }
+
     /// Takes everything about place `i` from wide arithmetic.
     #[inline(never)]
     pub(super) fn refine(&mut self, rays: &Rays, places: &mut Places, i: usize) {
