@@ -12,6 +12,8 @@ const BEND: f64 = 0.03;
 const NEAR: f64 = 1.0 / 16.0;
 const FAR: f64 = 0.35;
 
+/// How far beside its quarters an edge may pass, in standard deviations of what that is worth.
+const QUARTER: f64 = 2.0;
 /// How close to the edge points say nothing about it, in pixels.
 const UNSURE: f64 = 0.05;
 
@@ -219,6 +221,26 @@ impl Fit {
             self.bend.as_ref().map_or(0.0, |b| cross(chord, b.middle + b.normal * (0.5 * (b.lo + b.hi)) - p) / length);
         let beyond = cross(chord, at - p) / length - 4.0 * bend * along * (1.0 - along);
         (beyond.abs() > UNSURE).then(|| (beyond < 0.0) == (self.first_side(p, chord) > 0.0))
+    }
+
+    /// Points close to both sides of the edge, a quarter of its way from either end, and whether they
+    /// are on the first corner's side: if so, what is missed is worth less than `limit`.
+    pub(crate) fn quarters(&self, sides: [&Side; 2], limit: f64) -> [(DVec2, bool); 4] {
+        let (p, q) = (self.crossing(0, sides[0]), self.crossing(1, sides[1]));
+        let chord = q.0 - p.0;
+        let length = chord.length().max(1e-9);
+        let normal = DVec2::new(-chord.y, chord.x) * (1.0 / length);
+        let (bend, unsure) = self.bend.as_ref().map_or((0.0, BEND * length), |b| {
+            let at = b.middle + normal * (0.5 * (b.lo + b.hi));
+            (cross(chord, at - p.0) / length, 0.5 * (b.hi - b.lo))
+        });
+        let worth = QUARTER * limit.sqrt() / (self.contrast * length).max(1e-9);
+        let beside = (unsure + 0.5 * p.1.max(q.1)).max(worth).min(FAR * length.max(0.1));
+        let below = self.first_side(p.0, chord) > 0.0;
+        [(0.25, -1.0), (0.25, 1.0), (0.75, -1.0), (0.75, 1.0)].map(|(t, side)| {
+            let at = p.0 + chord * t + normal * (4.0 * bend * t * (1.0 - t) + side * beside);
+            (at, (side < 0.0) == below)
+        })
     }
 
     /// 1 where a bend along the normal adds to the first corner's side, else −1.

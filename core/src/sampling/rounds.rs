@@ -11,7 +11,7 @@ use crate::trace::record::{Look, NONE, Probe};
 /// Powers of two that a net begins with, and grows by at a time at most.
 pub(super) const GROWTH: [u32; 2] = [2, 3];
 /// Points by which an edge is tried.
-const TRIALS: u32 = 8;
+const TRIALS: u32 = 6;
 
 impl Block<'_> {
     /// Begins to look for the only edge through a pixel.
@@ -42,7 +42,7 @@ impl Block<'_> {
             }
             *side = *place as usize;
         }
-        work.how = How::Fit { fit, look, keys, sides, asked: None, trial: false };
+        work.how = How::Fit { fit, look, keys, sides, asked: None, trial: None };
         true
     }
 
@@ -59,18 +59,15 @@ impl Block<'_> {
             let seen = self.probes[start..start + count].iter().map(Key::from);
             let like: Option<Vec<bool>> = seen.map(|k| (keys.contains(&k)).then_some(k == keys[0])).collect();
             let sides = [&found[0], &found[1]];
-            fits = like.is_some_and(|like| {
-                if *trial {
-                    let as_thought =
-                        |(k, like): (u32, &bool)| fit.side(work.net.place(k), sides).is_none_or(|s| s == *like);
-                    (0..).zip(&like).all(as_thought)
-                } else {
-                    fit.learn(&like, sides)
-                }
-            });
+            fits =
+                like.is_some_and(
+                    |like| {
+                        if let Some(expected) = trial { like == *expected } else { fit.learn(&like, sides) }
+                    },
+                );
         }
         while fits {
-            let samples = fit.samples + if *trial { TRIALS } else { 0 };
+            let samples = fit.samples + trial.as_ref().map_or(0, Vec::len) as u32;
             let limit = self.limit(samples, 2.0);
             match fit.next([&found[0], &found[1]], (limit - doubt(samples)).max(0.25 * limit)) {
                 Next::Sides(steps) => {
@@ -97,10 +94,15 @@ impl Block<'_> {
                     }
                     return false;
                 }
-                Next::Done(..) if !*trial => {
-                    (*trial, *asked) = (true, Some((self.points.len(), TRIALS as usize)));
-                    for k in 0..TRIALS {
-                        self.ask(work.origin.at(work.net.place(k)), *look);
+                Next::Done(..) if trial.is_none() => {
+                    let sides = [&found[0], &found[1]];
+                    let places = (0..TRIALS).map(|k| work.net.place(k));
+                    let mut points: Vec<_> = places.filter_map(|p| Some((p, fit.side(p, sides)?))).collect();
+                    points.extend(fit.quarters(sides, limit));
+                    *asked = Some((self.points.len(), points.len()));
+                    *trial = Some(points.iter().map(|p| p.1).collect());
+                    for (p, _) in points {
+                        self.ask(work.origin.at(p), *look);
                     }
                     return false;
                 }

@@ -74,7 +74,14 @@ pub(super) enum How {
     Closed,
     /// By its only edge: how it is seen, what its sides are, where it crosses the pixel's, and
     /// the looks asked for. Once found it is tried by points all over the pixel.
-    Fit { fit: Fit, look: Look, keys: [Key; 2], sides: [usize; 2], asked: Option<(usize, usize)>, trial: bool },
+    Fit {
+        fit: Fit,
+        look: Look,
+        keys: [Key; 2],
+        sides: [usize; 2],
+        asked: Option<(usize, usize)>,
+        trial: Option<Vec<bool>>,
+    },
     /// By the first 2^`power` points of its net, of which `asked` are answered from `start` on,
     /// among the looks or, if `whole`, among the whole paths.
     Net { probes: Vec<Probe>, power: u32, asked: Vec<u32>, start: usize, whole: bool },
