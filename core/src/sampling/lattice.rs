@@ -7,7 +7,7 @@ use crate::geometry::real::V3;
 use crate::trace::{PlanePoint, Tracer};
 
 /// Points along a pixel's edge; a power of two, so that halves of halves are points too.
-pub(crate) const UNIT: i32 = 2048;
+pub(crate) const UNIT: i32 = 4096;
 /// The [`crate::trace::PlanePoint`] grid of adaptive sampling: its unit is half a cell.
 pub(crate) const GRID: u32 = UNIT as u32 / 2;
 
