@@ -258,6 +258,27 @@ fn random_scene(seed: u64) -> Document {
     document
 }
 
+/// A plane under a canopy of spheres that let through spots of light smaller than a pixel; under the
+/// plane lie so many more that outlines of shadows are not followed one by one.
+fn canopy() -> Document {
+    let mut random = Random::new(11);
+    let mut document =
+        Document::new(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO).light(0.0, 0.0, 20.0).plane(DVec3::Z, 0.0, matte(1.0));
+    let spacing = 0.1;
+    for row in -20..=20 {
+        for column in -22..=22 {
+            let x = f64::from(column) + if row % 2 == 0 { 0.0 } else { 0.5 };
+            let at = DVec3::new(x, f64::from(row) * 0.75f64.sqrt(), 0.0) * spacing;
+            let r = random.between(0.53, 0.57) * spacing;
+            document = document.sphere(at + DVec3::new(0.0, 0.0, 10.0), r, matte(1.0));
+        }
+    }
+    for k in 0..4000 {
+        document = document.sphere(DVec3::new(f64::from(k % 64), f64::from(k / 64), -9.0), 0.3, matte(1.0));
+    }
+    document
+}
+
 #[test]
 fn estimates_are_honest() {
     let mut scenes = vec![
@@ -266,6 +287,7 @@ fn estimates_are_honest() {
         ("lights", generate::lights(40, 8)),
         ("terrain", generate::terrain(16)),
         ("sphereflake", generate::sphereflake(2)),
+        ("canopy", canopy()),
     ];
     scenes.extend((0..10).map(|seed| ("random", random_scene(seed))));
     let size = (96, 72);
@@ -299,7 +321,7 @@ fn every_pixel_of_a_final_picture_keeps_to_its_tolerance() {
     for (name, document) in scenes {
         let truth = uniformly(&document, 64, size);
         let (pixels, sigma, _) = by(&document, 0.25, true, size);
-        // Nets end at 1,024 points.
+        // Nets end at 2,048 points.
         let kept = sigma.iter().filter(|s| **s <= 0.2501 / 255.0).count() as f64 / sigma.len() as f64;
         let close = |(p, t): (&[f32; 3], &[f32; 3])| (0..3).all(|k| (p[k] - t[k]).abs() <= 1.0 / 255.0);
         let within = pixels.iter().zip(&truth).filter(|pair| close(*pair)).count() as f64 / sigma.len() as f64;

@@ -181,10 +181,10 @@ impl Block<'_> {
             let (edges, marks) = marks.split_at(marks.partition_point(|m| matches!(m.what, What::Edge(_))));
             let expected = self.expected(seen[0], edges);
             let gaps = Gaps::new(self.tracer, &self.corners.records, seen);
-            let hidden = hidden + gaps.variance + if alike { expected } else { 0.0 };
+            let hidden = hidden + if alike { expected } else { 0.0 };
             if alike && marks.is_empty() {
                 let (value, variance) = Corners::smooth(&around);
-                let variance = variance + hidden;
+                let variance = variance + hidden + gaps.variance;
                 let limit = self.tolerance * self.tolerance;
                 if variance <= limit || variance <= self.limit(0, self.corners.rays(seen[0])) {
                     self.finish(pixel, value, variance);
@@ -200,6 +200,7 @@ impl Block<'_> {
                 self.ask(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] }, FIRST);
             }
             work.crowded = !few;
+            work.gaps = gaps.variance;
             work.edges = gaps.lights;
             work.edges.extend(edges.iter().filter_map(|m| m.what.light()));
             work.mirrored_gaps = gaps.mirrored;
@@ -233,7 +234,7 @@ impl Block<'_> {
         let around = self.corners.around(work.at);
         if work.views.iter().all(|v| v.seen.signature == work.views[0].seen.signature) && !work.crowded {
             let (value, variance) = Corners::smooth(&around);
-            let variance = variance + work.hidden;
+            let variance = variance + work.unseen(0);
             let rays = self.corners.rays(&work.views[0].seen);
             if variance <= self.limit(0, rays) {
                 self.finish(work.pixel, value, variance);
@@ -253,12 +254,12 @@ impl Block<'_> {
         let e = SLOPE * Corners::slope(&around);
         work.slope = e * e;
         let (value, variance) = work.first_guess();
-        if !work.crowded && variance + work.hidden <= self.limit(0, work.rays) {
-            self.finish(work.pixel, value, variance + work.hidden);
+        if !work.crowded && variance + work.unseen(0) <= self.limit(0, work.rays) {
+            self.finish(work.pixel, value, variance + work.unseen(0));
             return true;
         }
         if work.views.len() == 4
-            && work.hidden <= self.limit(0, work.rays).max(CLEAN * work.jump())
+            && work.unseen(0) <= self.limit(0, work.rays).max(CLEAN * work.jump())
             && work.slope <= self.limit(0, work.rays)
             && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
             && let Some(look) = own.single(&mut self.lights)

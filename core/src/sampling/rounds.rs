@@ -4,7 +4,7 @@ use super::block::{Block, Search};
 use super::fit::{Fit, Next, Side};
 use super::lattice::{UNIT, rms};
 use super::net;
-use super::work::{How, Key, Work};
+use super::work::{self, How, Key, Work};
 use crate::trace::PlanePoint;
 use crate::trace::record::{Look, NONE, Probe};
 
@@ -49,8 +49,8 @@ impl Block<'_> {
     /// Goes on with a pixel. Whether it is settled.
     pub(super) fn advance(&mut self, work: &mut Work) -> bool {
         // Every look that agrees makes it less likely that more hides.
-        let hidden = work.hidden;
-        let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5);
+        let (hidden, gaps) = (work.hidden, work.gaps);
+        let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5) + work::missed(gaps, looks);
         let How::Fit { fit, look, keys, sides, asked, trial } = &mut work.how else { return self.grow(work) };
         let found = sides.map(|s| self.searches[s].side);
         let steps = fit.steps();
@@ -123,7 +123,7 @@ impl Block<'_> {
             How::Net { probes, .. } => probes,
             _ => Vec::new(),
         };
-        let sure = work.hidden + work.slope <= self.limit(0, work.rays);
+        let sure = work.unseen(0) + work.slope <= self.limit(0, work.rays);
         let settled = if sure { work.settled_parts() } else { Vec::new() };
         let whole = work.wants_whole_paths();
         let (first, end) = (probes.len() as u32, 1 << power);

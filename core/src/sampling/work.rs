@@ -27,6 +27,9 @@ const BALL: f64 = 0.3;
 /// Standard deviation of what is claimed twice or by none, as a share.
 const CLAIMED: f64 = 0.3;
 
+/// Points that are likely to show a spot of light between shadows.
+const SPOTS: f64 = 4.0;
+
 /// A whole path through a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
@@ -109,6 +112,8 @@ pub(super) struct Work {
     pub(super) slope: f64,
     /// Variance of what may hide between the corners.
     pub(super) hidden: f64,
+    /// Variance of what light may pass between shadows.
+    pub(super) gaps: f64,
     /// Whether these are too many to be looked at one by one.
     pub(super) crowded: bool,
     /// Lights whose shadows' outlines pass.
@@ -125,6 +130,12 @@ impl PlanePoint {
         let unit = f64::from(UNIT);
         Self { x: self.x + (p.x * unit).round() as i32, y: self.y - (p.y * unit).round() as i32 }
     }
+}
+
+/// What is left of the variance of small spots after so many points.
+pub(super) fn missed(variance: f64, points: u32) -> f64 {
+    let n = 1.0 + f64::from(points) / SPOTS;
+    variance / (n * n)
 }
 
 impl Work {
@@ -145,12 +156,19 @@ impl Work {
             rays: 1.0,
             strata: None,
             hidden,
+            gaps: 0.0,
             crowded: false,
             edges: Vec::new(),
             mirrored_gaps: false,
             looks: 0,
             how: How::Closed,
         }
+    }
+
+    /// Variance of what so many points did not show.
+    pub(super) fn unseen(&self, points: u32) -> f64 {
+        let n = 1.0 + f64::from(points);
+        self.hidden / (n * n) + missed(self.gaps, points)
     }
 
     /// Whether plain paths tell all that is looked for.
@@ -306,7 +324,6 @@ impl Work {
             let e = near * v.area;
             variance += e * e;
         }
-        let points = 1.0 + probes.len() as f64;
-        (value, variance + self.hidden / (points * points))
+        (value, variance + self.unseen(probes.len() as u32))
     }
 }
