@@ -59,7 +59,7 @@ impl Local {
         let origin = scene.camera().location();
         // A quarter of everything, so that no difference overflows.
         let far = |v: DVec3| (v * 0.25 - origin * 0.25).abs().max_element();
-        let spheres = scene.spheres().iter().map(|s| far(s.center) + s.radius * 0.25).fold(0.0, f64::max);
+        let spheres = scene.spheres().par_iter().map(|s| far(s.center) + s.radius * 0.25).reduce(|| 0.0, f64::max);
         let triangles = scene
             .triangles()
             .par_iter()
@@ -107,7 +107,7 @@ impl Local {
         local.planes = local.double_planes.iter().map(|p| LocalPlane { n: p.n.to_f64(), h: p.h.hi }).collect();
         local.spheres = scene
             .spheres()
-            .iter()
+            .par_iter()
             .map(|s| LocalSphere { c: V3::splat(local.point(s.center)), r: ldexp(s.radius, -power) })
             .collect();
         local.lights = scene.lights().iter().map(|&l| local.point(l)).collect();

@@ -110,7 +110,7 @@ impl Filter {
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);
         near.then(|| Self {
             triangles: triangles.par_iter().map(triangle).collect(),
-            spheres: spheres.iter().map(sphere).collect(),
+            spheres: spheres.par_iter().map(sphere).collect(),
             planes,
             reach: (wide.radius() * (1.0 + 1e-6)) as f32,
         })
