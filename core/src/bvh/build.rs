@@ -13,7 +13,9 @@ use crate::simd::Level;
 /// The most items of a leaf.
 const MAX_LEAF: usize = 8;
 /// Up to this many items one thread builds what is below a node.
-const ALONE: usize = 8192;
+const ALONE: usize = 4096;
+/// Runs of more items are cut before it is known which node will have them: both halves at once.
+const AHEAD: usize = ALONE / 8;
 /// Cuts after which runs are halved by count: very uneven scenes could make a tree as deep as it
 /// has items.
 const DEEP: u32 = 60;
@@ -35,6 +37,13 @@ enum Fate<T: Coordinate> {
     Node([Run<T>; 2]),
 }
 
+/// What is built by itself: the node over `runs`, child `slot` of node `parent`.
+struct Task<T: Coordinate> {
+    runs: [Run<T>; 2],
+    parent: usize,
+    slot: usize,
+}
+
 impl<'a> Builder<'a> {
     /// See the fields. Tags from `first` on are of kind 0.
     pub(crate) fn new(first: u32, hidden: &'a (dyn Fn(u32, u32) -> bool + Sync)) -> Self {
@@ -49,27 +58,63 @@ impl<'a> Builder<'a> {
         if items.is_empty() {
             return wide;
         }
-        let root = Run::new(items, 0, 0);
+        let mut root = Run::new(items, 0, 0);
         wide.lo = root.bounds.lo.xyz().map(T::to_f64);
         wide.hi = root.bounds.hi.xyz().map(T::to_f64);
-        if let Some(runs) = self.divide(items, &root) {
-            self.node(items, runs, &mut wide);
-        } else {
+        self.cut_ahead(items, &mut root);
+        let Some(runs) = self.divide(items, 0, &mut root) else {
             let mut node = Node::default();
             let leaf = self.leaf(items, &mut wide);
             node.set(0, &root.bounds, leaf);
             wide.nodes.push(node);
+            return wide;
+        };
+        if items.len() <= ALONE {
+            self.node(items, 0, runs, &mut wide);
+            return wide;
         }
-        wide
+        let mut tasks = Vec::new();
+        self.top(items, runs, &mut wide, &mut tasks);
+        let mut rest = (items, 0);
+        let mut work = Vec::with_capacity(tasks.len());
+        for Task { runs, parent, slot } in tasks {
+            let (start, len) = (runs[0].start, runs[0].len + runs[1].len);
+            let (own, behind) = rest.0.split_at_mut(start - rest.1).1.split_at_mut(len);
+            rest = (behind, start + len);
+            work.push((own, runs, (parent, slot)));
+        }
+        let parts: Vec<_> = work
+            .into_par_iter()
+            .map(|(items, runs, place)| {
+                let mut part = Wide::default();
+                self.node(items, runs[0].start, runs, &mut part);
+                (part, place)
+            })
+            .collect();
+        wide.with(parts)
     }
 
     fn kind(&self, tag: u32) -> u8 {
         u8::from(tag < self.first)
     }
 
-    /// Cuts `run`, which is of `items`, in two; `None` where it is better left as a leaf.
-    fn divide<T: Coordinate>(&self, items: &mut [Item<T>], run: &Run<T>) -> Option<[Run<T>; 2]> {
-        let items = &mut items[run.start..run.start + run.len];
+    /// Cuts `run`, whose items are `items`, and what comes of it, into runs of a few.
+    fn cut_ahead<T: Coordinate>(&self, items: &mut [Item<T>], run: &mut Run<T>) {
+        if run.len <= AHEAD {
+            return;
+        }
+        let Some([mut a, mut b]) = self.divide(items, run.start, run) else { return };
+        let (left, right) = items.split_at_mut(a.len);
+        rayon::join(|| self.cut_ahead(left, &mut a), || self.cut_ahead(right, &mut b));
+        run.halves = Some(Box::new([a, b]));
+    }
+
+    /// Cuts `run` in two; `None` where it is better left as a leaf. The items' first has the number `base`.
+    fn divide<T: Coordinate>(&self, items: &mut [Item<T>], base: usize, run: &mut Run<T>) -> Option<[Run<T>; 2]> {
+        if let Some(halves) = run.halves.take() {
+            return Some(*halves);
+        }
+        let items = &mut items[run.start - base..][..run.len];
         let ends = [run.bounds.lo, run.bounds.hi].map(|end| self.kind(end.lanes()[3].tag()));
         let leaf = ends[0] == ends[1] && run.len <= MAX_LEAF;
         if run.len == 1 {
@@ -115,15 +160,15 @@ impl<'a> Builder<'a> {
         items.len() / 2
     }
 
-    /// Adds the node over `runs`, which make up `items`, and all below it.
-    fn node<T: Coordinate>(&self, items: &mut [Item<T>], runs: [Run<T>; 2], out: &mut Wide<T>) -> Child {
+    /// The children of the node over `runs`.
+    fn open<T: Coordinate>(&self, items: &mut [Item<T>], base: usize, runs: [Run<T>; 2]) -> Vec<(Run<T>, Fate<T>)> {
         let mut open = Vec::with_capacity(WIDTH);
         open.extend(runs.map(|run| (run, Fate::Open)));
         while open.len() < WIDTH {
             let undecided = (0..open.len()).filter(|&i| matches!(open[i].1, Fate::Open));
             let area = |i: usize| open[i].0.bounds.half_area();
             let Some(largest) = undecided.reduce(|a, b| if area(b) > area(a) { b } else { a }) else { break };
-            match self.divide(items, &open[largest].0) {
+            match self.divide(items, base, &mut open[largest].0) {
                 None => open[largest].1 = Fate::Leaf,
                 Some([a, b]) => {
                     open[largest] = (a, Fate::Open);
@@ -133,46 +178,48 @@ impl<'a> Builder<'a> {
         }
         for (run, fate) in &mut open {
             if matches!(fate, Fate::Open) {
-                *fate = self.divide(items, run).map_or(Fate::Leaf, Fate::Node);
+                *fate = self.divide(items, base, run).map_or(Fate::Leaf, Fate::Node);
             }
         }
-        let index = out.nodes.len();
-        out.nodes.push(Node::default());
-        if items.len() <= ALONE {
-            for (slot, (run, fate)) in open.into_iter().enumerate() {
-                let link = self.child(&mut items[run.start..run.start + run.len], &run, fate, out);
-                out.nodes[index].set(slot, &run.bounds, link);
-            }
-            return Child::inner(index);
-        }
-        let mut rest = items;
-        let mut work = Vec::with_capacity(open.len());
-        for (run, fate) in open {
-            let (own, behind) = rest.split_at_mut(run.len);
-            rest = behind;
-            work.push((run, fate, own));
-        }
-        let parts: Vec<_> = work
-            .into_par_iter()
-            .map(|(run, fate, items)| {
-                let mut part = Wide::default();
-                let link = self.child(items, &run, fate, &mut part);
-                (part, link, run.bounds)
-            })
-            .collect();
-        for (slot, (part, link, bounds)) in parts.into_iter().enumerate() {
-            let link = out.append(part, link);
-            out.nodes[index].set(slot, &bounds, link);
-        }
-        Child::inner(index)
+        open
     }
 
-    /// Adds what `fate` makes of `run`, whose items are `items`.
-    fn child<T: Coordinate>(&self, items: &mut [Item<T>], run: &Run<T>, fate: Fate<T>, out: &mut Wide<T>) -> Child {
-        match fate {
-            Fate::Open | Fate::Leaf => self.leaf(items, out),
-            Fate::Node(runs) => self.node(items, runs.map(|r| Run { start: r.start - run.start, ..r }), out),
+    /// Adds the node over `runs` and all below it that has many items; the rest becomes tasks.
+    fn top<T: Coordinate>(
+        &self,
+        items: &mut [Item<T>],
+        runs: [Run<T>; 2],
+        out: &mut Wide<T>,
+        tasks: &mut Vec<Task<T>>,
+    ) -> Child {
+        let parent = out.nodes.len();
+        out.nodes.push(Node::default());
+        for (slot, (run, fate)) in self.open(items, 0, runs).into_iter().enumerate() {
+            let link = match fate {
+                Fate::Open | Fate::Leaf => self.leaf(&items[run.start..][..run.len], out),
+                Fate::Node(runs) if run.len > ALONE => self.top(items, runs, out, tasks),
+                Fate::Node(runs) => {
+                    tasks.push(Task { runs, parent, slot });
+                    Child::NOTHING
+                }
+            };
+            out.nodes[parent].set(slot, &run.bounds, link);
         }
+        Child::inner(parent)
+    }
+
+    /// Adds the node over `runs` and all below it.
+    fn node<T: Coordinate>(&self, items: &mut [Item<T>], base: usize, runs: [Run<T>; 2], out: &mut Wide<T>) -> Child {
+        let index = out.nodes.len();
+        out.nodes.push(Node::default());
+        for (slot, (run, fate)) in self.open(items, base, runs).into_iter().enumerate() {
+            let link = match fate {
+                Fate::Open | Fate::Leaf => self.leaf(&items[run.start - base..][..run.len], out),
+                Fate::Node(runs) => self.node(items, base, runs, out),
+            };
+            out.nodes[index].set(slot, &run.bounds, link);
+        }
+        Child::inner(index)
     }
 
     /// Adds the items of a leaf but those that are hidden.

@@ -55,7 +55,7 @@ impl<T: Coordinate> Item<T> {
 }
 
 /// Items that follow one another.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Run<T: Coordinate> {
     pub(super) start: usize,
     pub(super) len: usize,
@@ -64,6 +64,8 @@ pub(super) struct Run<T: Coordinate> {
     pub(super) bounds: Bounds<T>,
     /// The box of twice the centres.
     pub(super) centers: Bounds<T>,
+    /// Where it has been cut already.
+    pub(super) halves: Option<Box<[Run<T>; 2]>>,
 }
 
 /// From so many items on, all threads look through them.
@@ -85,7 +87,7 @@ impl<T: Coordinate> Run<T> {
         } else {
             look(items)
         };
-        Self { start, len: items.len(), depth, bounds, centers }
+        Self { start, len: items.len(), depth, bounds, centers, halves: None }
     }
 }
 

@@ -1,7 +1,10 @@
 //! Nodes of eight children.
 
+use rayon::prelude::*;
+
 use super::coordinate::{Coordinate, Quad};
 use super::split::Bounds;
+use crate::simd::roomy;
 
 /// Children of a node.
 pub(crate) const WIDTH: usize = 8;
@@ -94,22 +97,38 @@ impl<T> Default for Wide<T> {
 }
 
 impl<T: Coordinate> Wide<T> {
-    /// Adds what `part` holds; gives where its `child` is then.
-    pub(super) fn append(&mut self, part: Self, child: Child) -> Child {
-        let nodes = self.nodes.len();
-        let ids = [self.ids[0].len(), self.ids[1].len()];
-        let moved = |child: Child| match child.link() {
+    /// These nodes, and behind them those of `parts`, each below the child that its place names by
+    /// node and slot.
+    pub(super) fn with(mut self, parts: Vec<(Self, (usize, usize))>) -> Self {
+        // The node and the ids that every part begins with, these nodes being the first.
+        let mut begins = vec![(0, [0; 2])];
+        let mut end = (self.nodes.len(), [self.ids[0].len(), self.ids[1].len()]);
+        for (part, (parent, slot)) in &parts {
+            self.nodes[*parent].child[*slot] = Child::inner(end.0);
+            begins.push(end);
+            end = (end.0 + part.nodes.len(), [0, 1].map(|kind| end.1[kind] + part.ids[kind].len()));
+        }
+        let moved = |child: Child, (nodes, ids): (usize, [usize; 2])| match child.link() {
             Link::Nothing => child,
             Link::Inner(index) => Child::inner(nodes + index),
             Link::Leaf { kind, start, count } => {
                 Child::leaf(kind, (ids[usize::from(kind)] + start) as u32, count as u32)
             }
         };
-        self.nodes.extend(part.nodes.into_iter().map(|n| Node { child: n.child.map(moved), ..n }));
-        for (all, more) in self.ids.iter_mut().zip(part.ids) {
-            all.extend(more);
+        let node = |i: usize| {
+            let at = begins.partition_point(|b| b.0 <= i) - 1;
+            let node = if at == 0 { &self.nodes[i] } else { &parts[at - 1].0.nodes[i - begins[at].0] };
+            Node { child: node.child.map(|child| moved(child, begins[at])), ..*node }
+        };
+        // All threads together, for fresh memory takes longer than what is put there.
+        let mut nodes = roomy(end.0);
+        nodes.par_extend((0..end.0).into_par_iter().map(node));
+        for (part, _) in &parts {
+            for (all, more) in self.ids.iter_mut().zip(&part.ids) {
+                all.extend(more);
+            }
         }
-        moved(child)
+        Self { nodes, ..self }
     }
 
     /// The farthest that a point in the hierarchy may be from the origin.

@@ -14,6 +14,7 @@ use crate::geometry::local::surface_and_order;
 use crate::geometry::{Aabb, Local, ObjectId, Ray, U, V3};
 use crate::precise::{Bound, Vector, zero_area};
 use crate::scene::{Scene, Triangle};
+use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
 #[derive(Debug)]
@@ -181,7 +182,8 @@ fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(&Aabb) + Syn
     };
     // Every one in its place first: that needs no second copy.
     let all = spheres + scene.triangles().len();
-    let mut items: Vec<_> = (0..all).into_par_iter().map(item).collect();
+    let mut items = roomy(all);
+    items.par_extend((0..all).into_par_iter().map(item));
     if items.par_iter().any(Item::is_empty) {
         items.retain(|i| !i.is_empty());
     }

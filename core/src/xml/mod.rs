@@ -125,7 +125,7 @@ pub fn read_file(path: &Path, options: &ReadOptions) -> Result<Read, ReadError> 
     let base_dir = path.parent().unwrap_or(Path::new(""));
     let (file, length) = open(path, options.max_bytes).map_err(|message| failed(&name, message))?;
     #[cfg(unix)]
-    if length > SEVERAL {
+    if length > LARGE {
         let fetch = |at: u64, buffer: &mut [u8]| fill(&file, at, buffer);
         if let Some(read) = streamed(&fetch, length, stream::Blocks::default(), &name, Some(base_dir), options) {
             return Ok(read);
@@ -310,7 +310,10 @@ fn file_bytes(mut file: File, length: usize, max_bytes: u64) -> Result<Vec<u8>, 
     Ok(bytes)
 }
 
-/// Files above this many bytes are read by several threads.
+/// Files above this many bytes are read block by block, where that can be done.
+#[cfg(unix)]
+const LARGE: usize = 1 << 20;
+/// Others above this many bytes are read by several threads.
 #[cfg(unix)]
 const SEVERAL: usize = 4 << 20;
 

@@ -86,7 +86,14 @@ pub(super) fn read<'b>(
             },
             || parts.drain(..).for_each(|part| assembly.add(part)),
         );
-        for (i, block) in batch.zip(read?) {
+        let read = read?;
+        if first == 0 && count > blocks.batch {
+            // The rest will be much the same.
+            let share = (count * 33).div_ceil(blocks.batch * 32);
+            let held = |of: fn(&Part) -> usize| read.iter().map(|b| of(&b.part)).sum::<usize>() * share;
+            assembly.scene.reserve(held(Part::triangles), held(Part::spheres));
+        }
+        for (i, block) in batch.zip(read) {
             parts.push(block.part);
             told.extend(block.told.into_iter().map(|diagnostic| (i, diagnostic)));
             told.truncate(limits.warnings);
