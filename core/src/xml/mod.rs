@@ -12,6 +12,9 @@
 //! or `lex::MAX_ATTRIBUTES` attributes in a tag, all of which it can be made to choke
 //! on. How the text is cut changes neither scene nor diagnostics.
 //!
+//! Of large files there is no whole text: `stream` reads them block by block, as far as they are
+//! ordinary scenes without errors, with the same result.
+//!
 //! White space between elements may be written as character references (`&#32;`), as
 //! common validators take it; CDATA sections may not stand anywhere.
 
