@@ -74,9 +74,12 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
         goal: goal(&options, began),
         ..RenderJob::new(source, options.settings)
     };
+    let last = job.scene.clone();
     let (tell, watched) = watch::channel(Progress::default());
     let shown = tokio::spawn(progress::show(progress::Style::of(options.progress), watched, console.clone()));
     let ended = farm.render(job, tell, stop).await;
+    // A large scene takes a while to be given back: the picture is written meanwhile.
+    rayon::spawn(move || drop(last));
     // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
     let _ = shown.await;
 

@@ -1,278 +1,238 @@
-//! A binary hierarchy by binned SAH. It sees only boxes and kinds.
+//! From items to nodes, from the root down.
+//!
+//! A node's run of items is cut in two, then the largest run that can be cut, until there are
+//! eight or none can be.
 
-use super::Coordinate;
+use rayon::prelude::*;
+
+use super::coordinate::{Coordinate, Quad};
+use super::split::{Item, Run, cut};
+use super::wide::{Child, Node, WIDTH, Wide};
 use crate::simd::Level;
 
-/// Something to be found: a box, an id, and the kind of leaf it may lie in.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Item<T> {
-    pub(crate) lo: [T; 3],
-    pub(crate) hi: [T; 3],
-    pub(crate) id: u32,
-    pub(crate) kind: u8,
-}
-
-impl<T: Coordinate> Item<T> {
-    /// Twice the centre.
-    #[inline(always)]
-    fn center(&self, k: usize) -> f64 {
-        self.lo[k].to_f64() + self.hi[k].to_f64()
-    }
-}
-
-/// A node of the binary hierarchy.
-#[derive(Debug)]
-pub(crate) enum Binary<T> {
-    Leaf { bounds: Bounds<T>, start: u32, count: u32 },
-    Inner { bounds: Bounds<T>, children: Box<[Binary<T>; 2]> },
-}
-
-impl<T: Coordinate> Binary<T> {
-    pub(crate) fn bounds(&self) -> &Bounds<T> {
-        match self {
-            Self::Leaf { bounds, .. } | Self::Inner { bounds, .. } => bounds,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Bounds<T> {
-    pub(crate) lo: [T; 3],
-    pub(crate) hi: [T; 3],
-}
-
-impl<T: Coordinate> Bounds<T> {
-    const EMPTY: Self = Self { lo: [T::INFINITY; 3], hi: [T::NEG_INFINITY; 3] };
-
-    fn add(&mut self, lo: &[T; 3], hi: &[T; 3]) {
-        for k in 0..3 {
-            self.lo[k] = self.lo[k].least(lo[k]);
-            self.hi[k] = self.hi[k].greatest(hi[k]);
-        }
-    }
-
-    pub(crate) fn half_area(&self) -> f64 {
-        let e = [0, 1, 2].map(|k| self.hi[k].to_f64() - self.lo[k].to_f64());
-        if e[0] < 0.0 { 0.0 } else { e[0] * e[1] + e[1] * e[2] + e[2] * e[0] }
-    }
-}
-
-const BINS: usize = 16;
-/// Up to this many items half the bins serve.
-const FEW: usize = 32;
-/// Below this many items a subtree is built by one thread.
-const PARALLEL: usize = 4096;
 /// The most items of a leaf.
-pub(crate) const MAX_LEAF: usize = 8;
-/// What a step down costs, in intersection tests: twice as wide registers make tests cheaper, but
-/// not the wait for a node's memory.
-fn step_cost() -> f64 {
-    if Level::best() == Level::Avx512 { 2.5 } else { 1.5 }
+const MAX_LEAF: usize = 8;
+/// Up to this many items one thread builds what is below a node.
+const ALONE: usize = 4096;
+/// Runs of more items are cut before it is known which node will have them: both halves at once.
+const AHEAD: usize = ALONE / 8;
+/// Cuts after which runs are halved by count: very uneven scenes could make a tree as deep as it
+/// has items.
+const DEEP: u32 = 60;
+
+/// What is built of all items alike.
+pub(crate) struct Builder<'a> {
+    /// Items with tags from here on are of kind 0, others of kind 1.
+    first: u32,
+    /// Whether the first never matters beside the second, where both have the same box.
+    hidden: &'a (dyn Fn(u32, u32) -> bool + Sync),
+    /// What a step down costs, in intersection tests.
+    step: f64,
 }
 
-#[derive(Clone, Copy)]
-struct Bin<T> {
-    bounds: Bounds<T>,
-    count: u32,
+/// What becomes of a run.
+enum Fate<T: Coordinate> {
+    Open,
+    Leaf,
+    Node([Run<T>; 2]),
 }
 
-/// B bins on each axis.
-struct Bins<T, const B: usize>([[Bin<T>; B]; 3]);
+/// What is built by itself: the node over `runs`, child `slot` of node `parent`.
+struct Task<T: Coordinate> {
+    runs: [Run<T>; 2],
+    parent: usize,
+    slot: usize,
+}
 
-impl<T: Coordinate, const B: usize> Bins<T, B> {
-    fn new() -> Self {
-        Self([[Bin { bounds: Bounds::EMPTY, count: 0 }; B]; 3])
+impl<'a> Builder<'a> {
+    /// See the fields. Tags from `first` on are of kind 0.
+    pub(crate) fn new(first: u32, hidden: &'a (dyn Fn(u32, u32) -> bool + Sync)) -> Self {
+        // Twice as wide registers make tests cheaper, but not the wait for a node's memory.
+        let step = if Level::best() == Level::Avx512 { 2.5 } else { 1.5 };
+        Self { first, hidden, step }
     }
 
-    fn fill(mut self, items: &[Item<T>], scale: &Scale) -> Self {
-        for item in items {
-            for k in 0..3 {
-                let bin = &mut self.0[k][scale.bin::<T, B>(item, k)];
-                bin.bounds.add(&item.lo, &item.hi);
-                bin.count += 1;
+    /// The hierarchy over `items`, which are put in another order. Uses the calling rayon pool.
+    pub(crate) fn build<T: Coordinate>(&self, items: &mut [Item<T>]) -> Wide<T> {
+        let mut wide = Wide::default();
+        if items.is_empty() {
+            return wide;
+        }
+        let mut root = Run::new(items, 0, 0);
+        wide.lo = root.bounds.lo.xyz().map(T::to_f64);
+        wide.hi = root.bounds.hi.xyz().map(T::to_f64);
+        self.cut_ahead(items, &mut root);
+        let Some(runs) = self.divide(items, 0, &mut root) else {
+            let mut node = Node::default();
+            let leaf = self.leaf(items, &mut wide);
+            node.set(0, &root.bounds, leaf);
+            wide.nodes.push(node);
+            return wide;
+        };
+        if items.len() <= ALONE {
+            self.node(items, 0, runs, &mut wide);
+            return wide;
+        }
+        let mut tasks = Vec::new();
+        self.top(items, runs, &mut wide, &mut tasks);
+        let mut rest = (items, 0);
+        let mut work = Vec::with_capacity(tasks.len());
+        for Task { runs, parent, slot } in tasks {
+            let (start, len) = (runs[0].start, runs[0].len + runs[1].len);
+            let (own, behind) = rest.0.split_at_mut(start - rest.1).1.split_at_mut(len);
+            rest = (behind, start + len);
+            work.push((own, runs, (parent, slot)));
+        }
+        let parts: Vec<_> = work
+            .into_par_iter()
+            .map(|(items, runs, place)| {
+                let mut part = Wide::default();
+                self.node(items, runs[0].start, runs, &mut part);
+                (part, place)
+            })
+            .collect();
+        wide.with(parts)
+    }
+
+    fn kind(&self, tag: u32) -> u8 {
+        u8::from(tag < self.first)
+    }
+
+    /// Cuts `run`, whose items are `items`, and what comes of it, into runs of a few.
+    fn cut_ahead<T: Coordinate>(&self, items: &mut [Item<T>], run: &mut Run<T>) {
+        if run.len <= AHEAD {
+            return;
+        }
+        let Some([mut a, mut b]) = self.divide(items, run.start, run) else { return };
+        let (left, right) = items.split_at_mut(a.len);
+        rayon::join(|| self.cut_ahead(left, &mut a), || self.cut_ahead(right, &mut b));
+        run.halves = Some(Box::new([a, b]));
+    }
+
+    /// Cuts `run` in two; `None` where it is better left as a leaf. The items' first has the number `base`.
+    fn divide<T: Coordinate>(&self, items: &mut [Item<T>], base: usize, run: &mut Run<T>) -> Option<[Run<T>; 2]> {
+        if let Some(halves) = run.halves.take() {
+            return Some(*halves);
+        }
+        let items = &mut items[run.start - base..][..run.len];
+        let ends = [run.bounds.lo, run.bounds.hi].map(|end| self.kind(end.lanes()[3].tag()));
+        let leaf = ends[0] == ends[1] && run.len <= MAX_LEAF;
+        if run.len == 1 {
+            return None;
+        }
+        let middle = if run.depth > DEEP {
+            if leaf {
+                return None;
+            }
+            self.halve(items, run)
+        } else {
+            match cut(items, run) {
+                Some(cut) if !leaf || self.pays(cut.cost, run) => cut.partition(items),
+                Some(_) => return None,
+                None if leaf => return None,
+                // Equal centres.
+                None => self.sort(items),
+            }
+        };
+        let (a, b) = items.split_at(middle);
+        let depth = run.depth + 1;
+        Some([Run::new(a, run.start, depth), Run::new(b, run.start + middle, depth)])
+    }
+
+    /// Whether a cut costs less than the tests of all items.
+    fn pays<T: Coordinate>(&self, cost: T, run: &Run<T>) -> bool {
+        let area = run.bounds.half_area();
+        area > T::ZERO && self.step + cost.to_f64() / area.to_f64() < run.len as f64
+    }
+
+    /// Puts kinds apart, or else halves; ids make them the same halves always.
+    fn sort<T: Coordinate>(&self, items: &mut [Item<T>]) -> usize {
+        items.sort_unstable_by_key(Item::tag);
+        let middle = items.partition_point(|i| i.tag() < self.first);
+        if middle == 0 || middle == items.len() { items.len() / 2 } else { middle }
+    }
+
+    fn halve<T: Coordinate>(&self, items: &mut [Item<T>], run: &Run<T>) -> usize {
+        let extent = (run.centers.hi - run.centers.lo).xyz().map(T::to_f64);
+        let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
+        let center = |i: &Item<T>| i.center().lanes()[axis].to_f64();
+        items.sort_unstable_by(|a, b| center(a).total_cmp(&center(b)).then(a.tag().cmp(&b.tag())));
+        items.len() / 2
+    }
+
+    /// The children of the node over `runs`.
+    fn open<T: Coordinate>(&self, items: &mut [Item<T>], base: usize, runs: [Run<T>; 2]) -> Vec<(Run<T>, Fate<T>)> {
+        let mut open = Vec::with_capacity(WIDTH);
+        open.extend(runs.map(|run| (run, Fate::Open)));
+        while open.len() < WIDTH {
+            let undecided = (0..open.len()).filter(|&i| matches!(open[i].1, Fate::Open));
+            let area = |i: usize| open[i].0.bounds.half_area();
+            let Some(largest) = undecided.reduce(|a, b| if area(b) > area(a) { b } else { a }) else { break };
+            match self.divide(items, base, &mut open[largest].0) {
+                None => open[largest].1 = Fate::Leaf,
+                Some([a, b]) => {
+                    open[largest] = (a, Fate::Open);
+                    open.insert(largest + 1, (b, Fate::Open));
+                }
             }
         }
-        self
-    }
-
-    fn merge(mut self, other: &Self) -> Self {
-        for (a, b) in self.0.as_flattened_mut().iter_mut().zip(other.0.as_flattened()) {
-            a.bounds.add(&b.bounds.lo, &b.bounds.hi);
-            a.count += b.count;
-        }
-        self
-    }
-}
-
-/// From an item's centre (doubled: lo + hi) to its bin on each axis.
-struct Scale {
-    origin: [f64; 3],
-    factor: [f64; 3],
-}
-
-impl Scale {
-    fn new(lo: [f64; 3], hi: [f64; 3], bins: usize) -> Self {
-        Self { origin: lo, factor: [0, 1, 2].map(|k| bins as f64 * (1.0 - 1e-9) / (hi[k] - lo[k])) }
-    }
-
-    #[inline(always)]
-    fn bin<T: Coordinate, const B: usize>(&self, item: &Item<T>, k: usize) -> usize {
-        // `as` saturates, and sends NaN (an infinite extent) to 0.
-        (((item.center(k) - self.origin[k]) * self.factor[k]) as usize).min(B - 1)
-    }
-}
-
-/// Orders `items` into leaves and returns the hierarchy over them; `None` for no items.
-pub(crate) fn build_binary<T: Coordinate>(items: &mut [Item<T>]) -> Option<Binary<T>> {
-    if items.is_empty() { None } else { Some(node(items, 0, 0)) }
-}
-
-fn bounds_of<T: Coordinate>(items: &[Item<T>]) -> (Bounds<T>, [f64; 3], [f64; 3]) {
-    let mut bounds = Bounds::EMPTY;
-    let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for i in items {
-        bounds.add(&i.lo, &i.hi);
-        for k in 0..3 {
-            let c = i.center(k);
-            lo[k] = lo[k].min(c);
-            hi[k] = hi[k].max(c);
-        }
-    }
-    (bounds, lo, hi)
-}
-
-fn node<T: Coordinate>(items: &mut [Item<T>], start: u32, depth: u32) -> Binary<T> {
-    let n = items.len();
-    let (bounds, lo, hi) = bounds_of(items);
-    let pure = items.iter().all(|i| i.kind == items[0].kind);
-    let leaf = Binary::Leaf { bounds, start, count: n as u32 };
-    if n == 1 {
-        return leaf;
-    }
-    let split = split(items, &bounds, lo, hi, depth);
-    let middle = match split {
-        Some((cost, middle)) if !(pure && n <= MAX_LEAF && cost >= n as f64) => middle,
-        _ if pure && n <= MAX_LEAF => return leaf,
-        Some((_, middle)) => middle,
-        None if !pure => {
-            items.sort_unstable_by_key(|i| (i.kind, i.id));
-            items.partition_point(|i| i.kind == items[0].kind)
-        }
-        // Equal centres: any halves are as good, ids make them the same halves always.
-        None => {
-            items.sort_unstable_by_key(|i| i.id);
-            n / 2
-        }
-    };
-    let (a, b) = items.split_at_mut(middle);
-    let at = start + middle as u32;
-    let children = if n > PARALLEL {
-        rayon::join(|| node(a, start, depth + 1), || node(b, at, depth + 1))
-    } else {
-        (node(a, start, depth + 1), node(b, at, depth + 1))
-    };
-    Binary::Inner { bounds, children: Box::new([children.0, children.1]) }
-}
-
-/// Partitions `items` where SAH is least; its cost in intersection tests and the size of the first half.
-fn split<T: Coordinate>(
-    items: &mut [Item<T>],
-    bounds: &Bounds<T>,
-    lo: [f64; 3],
-    hi: [f64; 3],
-    depth: u32,
-) -> Option<(f64, usize)> {
-    // Very uneven scenes could make a tree as deep as it has items; halving by count ends that.
-    if depth > 60 {
-        let k = (0..3).max_by(|&a, &b| (hi[a] - lo[a]).total_cmp(&(hi[b] - lo[b])))?;
-        items.sort_unstable_by(|a, b| a.center(k).total_cmp(&b.center(k)).then(a.id.cmp(&b.id)));
-        return Some((0.0, items.len() / 2));
-    }
-    // Most nodes are small ones, where the bins would cost more than the items in them.
-    let (cost, middle) = match items.len() {
-        2 => split_two(items, lo, hi)?,
-        n if n <= FEW => split_bins::<T, { BINS / 2 }>(items, lo, hi)?,
-        _ => split_bins::<T, BINS>(items, lo, hi)?,
-    };
-    let area = bounds.half_area();
-    Some((if area > 0.0 { step_cost() + cost / area } else { f64::INFINITY }, middle))
-}
-
-/// What bins would make of two items.
-fn split_two<T: Coordinate>(items: &mut [Item<T>], lo: [f64; 3], hi: [f64; 3]) -> Option<(f64, usize)> {
-    let scale = Scale::new(lo, hi, BINS / 2);
-    let k = (0..3).find(|&k| hi[k] > lo[k] && scale.factor[k].is_finite() && scale.factor[k] > 0.0)?;
-    if items[1].center(k) < items[0].center(k) {
-        items.swap(0, 1);
-    }
-    let area = |i: &Item<T>| Bounds { lo: i.lo, hi: i.hi }.half_area();
-    Some((area(&items[0]) + area(&items[1]), 1))
-}
-
-fn split_bins<T: Coordinate, const B: usize>(
-    items: &mut [Item<T>],
-    lo: [f64; 3],
-    hi: [f64; 3],
-) -> Option<(f64, usize)> {
-    let scale = Scale::new(lo, hi, B);
-    let bins = if items.len() > 8 * PARALLEL {
-        use rayon::prelude::*;
-        items
-            .par_chunks(2 * PARALLEL)
-            .map(|c| Bins::<T, B>::new().fill(c, &scale))
-            .reduce_with(|a, b| a.merge(&b))
-            .unwrap_or_else(Bins::new)
-    } else {
-        Bins::new().fill(items, &scale)
-    };
-    let mut best: Option<(f64, usize, usize)> = None;
-    for k in 0..3 {
-        if !(hi[k] > lo[k]) || !scale.factor[k].is_finite() {
-            continue;
-        }
-        let bins = &bins.0[k];
-        let mut right = [0.0; B];
-        let (mut b, mut n, mut cost) = (Bounds::EMPTY, 0, 0.0);
-        for i in (1..B).rev() {
-            // An empty bin changes nothing.
-            if bins[i].count > 0 {
-                b.add(&bins[i].bounds.lo, &bins[i].bounds.hi);
-                n += bins[i].count;
-                cost = b.half_area() * f64::from(n);
-            }
-            right[i] = cost;
-        }
-        let (mut b, mut n) = (Bounds::EMPTY, 0);
-        for i in 1..B {
-            let bin = &bins[i - 1];
-            if bin.count == 0 {
-                continue;
-            }
-            b.add(&bin.bounds.lo, &bin.bounds.hi);
-            n += bin.count;
-            let cost = b.half_area() * f64::from(n) + right[i];
-            if (n as usize) < items.len() && best.is_none_or(|(c, ..)| cost < c) {
-                best = Some((cost, k, i));
+        for (run, fate) in &mut open {
+            if matches!(fate, Fate::Open) {
+                *fate = self.divide(items, base, run).map_or(Fate::Leaf, Fate::Node);
             }
         }
+        open
     }
-    let (cost, axis, at) = best?;
-    Some((cost, partition(items, |i| scale.bin::<T, B>(i, axis) < at)))
-}
 
-/// Moves what satisfies `first` to the front, as the items' order alone decides; returns how many.
-fn partition<T>(items: &mut [T], first: impl Fn(&T) -> bool) -> usize {
-    let (mut i, mut j) = (0, items.len());
-    loop {
-        while i < j && first(&items[i]) {
-            i += 1;
+    /// Adds the node over `runs` and all below it that has many items; the rest becomes tasks.
+    fn top<T: Coordinate>(
+        &self,
+        items: &mut [Item<T>],
+        runs: [Run<T>; 2],
+        out: &mut Wide<T>,
+        tasks: &mut Vec<Task<T>>,
+    ) -> Child {
+        let parent = out.nodes.len();
+        out.nodes.push(Node::default());
+        for (slot, (run, fate)) in self.open(items, 0, runs).into_iter().enumerate() {
+            let link = match fate {
+                Fate::Open | Fate::Leaf => self.leaf(&items[run.start..][..run.len], out),
+                Fate::Node(runs) if run.len > ALONE => self.top(items, runs, out, tasks),
+                Fate::Node(runs) => {
+                    tasks.push(Task { runs, parent, slot });
+                    Child::NOTHING
+                }
+            };
+            out.nodes[parent].set(slot, &run.bounds, link);
         }
-        while i < j && !first(&items[j - 1]) {
-            j -= 1;
+        Child::inner(parent)
+    }
+
+    /// Adds the node over `runs` and all below it.
+    fn node<T: Coordinate>(&self, items: &mut [Item<T>], base: usize, runs: [Run<T>; 2], out: &mut Wide<T>) -> Child {
+        let index = out.nodes.len();
+        out.nodes.push(Node::default());
+        for (slot, (run, fate)) in self.open(items, base, runs).into_iter().enumerate() {
+            let link = match fate {
+                Fate::Open | Fate::Leaf => self.leaf(&items[run.start - base..][..run.len], out),
+                Fate::Node(runs) => self.node(items, base, runs, out),
+            };
+            out.nodes[index].set(slot, &run.bounds, link);
         }
-        if i >= j {
-            return i;
-        }
-        items.swap(i, j - 1);
+        Child::inner(index)
+    }
+
+    /// Adds the items of a leaf but those that are hidden.
+    fn leaf<T: Coordinate>(&self, items: &[Item<T>], out: &mut Wide<T>) -> Child {
+        let kind = self.kind(items[0].tag());
+        let ids = &mut out.ids[usize::from(kind)];
+        let first = ids.len();
+        // What coincides has the same box, which is at hand.
+        let covers = |j: &Item<T>, i: &Item<T>| {
+            j.lo.xyz() == i.lo.xyz() && j.hi.xyz() == i.hi.xyz() && (self.hidden)(i.tag(), j.tag())
+        };
+        let matters = |i: &&Item<T>| !items.iter().any(|j| covers(j, i));
+        ids.extend(items.iter().filter(matters).map(Item::tag));
+        Child::leaf(kind, first as u32, (ids.len() - first) as u32)
     }
 }

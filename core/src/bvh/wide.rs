@@ -1,9 +1,10 @@
-//! The binary hierarchy, collapsed to eight children a node.
+//! Nodes of eight children.
 
 use rayon::prelude::*;
 
-use super::build::{Binary, Bounds};
-use super::{Coordinate, Item};
+use super::coordinate::{Coordinate, Quad};
+use super::split::Bounds;
+use crate::simd::roomy;
 
 /// Children of a node.
 pub(crate) const WIDTH: usize = 8;
@@ -28,7 +29,7 @@ impl Child {
     const KIND: u32 = 1 << 30;
     const COUNT_SHIFT: u32 = 27;
 
-    fn leaf(kind: u8, start: u32, count: u32) -> Self {
+    pub(super) fn leaf(kind: u8, start: u32, count: u32) -> Self {
         debug_assert!((1..=8).contains(&count) && kind < 2);
         Self(Self::LEAF | if kind == 1 { Self::KIND } else { 0 } | ((count - 1) << Self::COUNT_SHIFT) | start)
     }
@@ -69,10 +70,10 @@ impl<T: Coordinate> Default for Node<T> {
 }
 
 impl<T: Coordinate> Node<T> {
-    fn set(&mut self, slot: usize, bounds: &Bounds<T>, child: Child) {
+    pub(super) fn set(&mut self, slot: usize, bounds: &Bounds<T>, child: Child) {
         for k in 0..3 {
-            self.lo[k][slot] = bounds.lo[k];
-            self.hi[k][slot] = bounds.hi[k];
+            self.lo[k][slot] = bounds.lo.lanes()[k];
+            self.hi[k][slot] = bounds.hi.lanes()[k];
         }
         self.child[slot] = child;
     }
@@ -96,50 +97,38 @@ impl<T> Default for Wide<T> {
 }
 
 impl<T: Coordinate> Wide<T> {
-    /// Leaves out what is `hidden` by another item of its leaf: `hidden(a, b)` says whether a never
-    /// matters beside b. What is below the root's children is collapsed in parallel.
-    pub(crate) fn collapse(
-        root: Option<&Binary<T>>,
-        items: &[Item<T>],
-        hidden: &(dyn Fn(u32, u32) -> bool + Sync),
-    ) -> Self {
-        let mut wide = Self::default();
-        let Some(root) = root else { return wide };
-        wide.lo = root.bounds().lo.map(T::to_f64);
-        wide.hi = root.bounds().hi.map(T::to_f64);
-        wide.nodes.push(Node::default());
-        let parts: Vec<(Self, Child, Bounds<T>)> = open(root)
-            .into_par_iter()
-            .map(|child| {
-                let mut part = Self::default();
-                let link = part.child(child, items, hidden);
-                (part, link, *child.bounds())
-            })
-            .collect();
-        for (slot, (part, link, bounds)) in parts.into_iter().enumerate() {
-            let link = wide.append(part, link);
-            wide.nodes[0].set(slot, &bounds, link);
+    /// These nodes, and behind them those of `parts`, each below the child that its place names by
+    /// node and slot.
+    pub(super) fn with(mut self, parts: Vec<(Self, (usize, usize))>) -> Self {
+        // The node and the ids that every part begins with, these nodes being the first.
+        let mut begins = vec![(0, [0; 2])];
+        let mut end = (self.nodes.len(), [self.ids[0].len(), self.ids[1].len()]);
+        for (part, (parent, slot)) in &parts {
+            self.nodes[*parent].child[*slot] = Child::inner(end.0);
+            begins.push(end);
+            end = (end.0 + part.nodes.len(), [0, 1].map(|kind| end.1[kind] + part.ids[kind].len()));
         }
-        wide.nodes.shrink_to_fit();
-        wide
-    }
-
-    /// Adds what `part` holds; gives where its `child` is then.
-    fn append(&mut self, part: Self, child: Child) -> Child {
-        let nodes = self.nodes.len();
-        let ids = [self.ids[0].len(), self.ids[1].len()];
-        let moved = |child: Child| match child.link() {
+        let moved = |child: Child, (nodes, ids): (usize, [usize; 2])| match child.link() {
             Link::Nothing => child,
             Link::Inner(index) => Child::inner(nodes + index),
             Link::Leaf { kind, start, count } => {
                 Child::leaf(kind, (ids[usize::from(kind)] + start) as u32, count as u32)
             }
         };
-        self.nodes.extend(part.nodes.into_iter().map(|n| Node { child: n.child.map(moved), ..n }));
-        for (all, more) in self.ids.iter_mut().zip(part.ids) {
-            all.extend(more);
+        let node = |i: usize| {
+            let at = begins.partition_point(|b| b.0 <= i) - 1;
+            let node = if at == 0 { &self.nodes[i] } else { &parts[at - 1].0.nodes[i - begins[at].0] };
+            Node { child: node.child.map(|child| moved(child, begins[at])), ..*node }
+        };
+        // All threads together, for fresh memory takes longer than what is put there.
+        let mut nodes = roomy(end.0);
+        nodes.par_extend((0..end.0).into_par_iter().map(node));
+        for (part, _) in &parts {
+            for (all, more) in self.ids.iter_mut().zip(&part.ids) {
+                all.extend(more);
+            }
         }
-        moved(child)
+        Self { nodes, ..self }
     }
 
     /// The farthest that a point in the hierarchy may be from the origin.
@@ -152,45 +141,4 @@ impl<T: Coordinate> Wide<T> {
     pub(crate) fn reach(&self) -> f64 {
         (0..3).map(|k| self.lo[k].abs().max(self.hi[k].abs())).sum()
     }
-
-    /// Adds `child` and all below it; depth is bounded as the binary tree's is.
-    fn child(&mut self, child: &Binary<T>, items: &[Item<T>], hidden: &dyn Fn(u32, u32) -> bool) -> Child {
-        if let Binary::Leaf { start, count, .. } = child {
-            let items = &items[*start as usize..][..*count as usize];
-            let kind = items[0].kind;
-            let ids = &mut self.ids[usize::from(kind)];
-            let first = ids.len() as u32;
-            // What coincides has the same box, which is at hand.
-            let covers = |j: &Item<T>, i: &Item<T>| j.lo == i.lo && j.hi == i.hi && hidden(i.id, j.id);
-            let matters = |i: &&Item<T>| !items.iter().any(|j| covers(j, i));
-            ids.extend(items.iter().filter(matters).map(|i| i.id));
-            return Child::leaf(kind, first, ids.len() as u32 - first);
-        }
-        let index = self.nodes.len();
-        self.nodes.push(Node::default());
-        for (slot, child) in open(child).into_iter().enumerate() {
-            let link = self.child(child, items, hidden);
-            self.nodes[index].set(slot, child.bounds(), link);
-        }
-        Child::inner(index)
-    }
-}
-
-/// The descendants of `root` that its wide node holds, in the order of their places.
-fn open<T: Coordinate>(root: &Binary<T>) -> Vec<&Binary<T>> {
-    fn with_area<T: Coordinate>(n: &Binary<T>) -> (&Binary<T>, f64) {
-        match n {
-            Binary::Inner { bounds, .. } => (n, bounds.half_area()),
-            Binary::Leaf { .. } => (n, f64::NEG_INFINITY),
-        }
-    }
-    let mut open = Vec::with_capacity(WIDTH);
-    open.push(with_area(root));
-    while open.len() < WIDTH {
-        let largest = (1..open.len()).fold(0, |at, i| if open[i].1 > open[at].1 { i } else { at });
-        let Binary::Inner { children, .. } = open[largest].0 else { break };
-        open[largest] = with_area(&children[0]);
-        open.insert(largest + 1, with_area(&children[1]));
-    }
-    open.into_iter().map(|(n, _)| n).collect()
 }

@@ -8,7 +8,8 @@ use super::sphere::LocalSphere;
 use super::triangle::LocalTriangle;
 use super::{Aabb, DoubleDouble, U, V3};
 use crate::precise::{Big, Vector};
-use crate::scene::{Order, PlanePosition, Scene, SurfaceId, Triangle};
+use crate::scene::{Order, PlanePosition, Scene, Sphere, SurfaceId, Triangle};
+use crate::simd::roomy;
 
 /// An object: planes first, then spheres, then triangles, each in document order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -59,7 +60,7 @@ impl Local {
         let origin = scene.camera().location();
         // A quarter of everything, so that no difference overflows.
         let far = |v: DVec3| (v * 0.25 - origin * 0.25).abs().max_element();
-        let spheres = scene.spheres().iter().map(|s| far(s.center) + s.radius * 0.25).fold(0.0, f64::max);
+        let spheres = scene.spheres().par_iter().map(|s| far(s.center) + s.radius * 0.25).reduce(|| 0.0, f64::max);
         let triangles = scene
             .triangles()
             .par_iter()
@@ -105,11 +106,10 @@ impl Local {
         };
         local.double_planes = scene.planes().iter().map(|p| local.plane(p)).collect();
         local.planes = local.double_planes.iter().map(|p| LocalPlane { n: p.n.to_f64(), h: p.h.hi }).collect();
-        local.spheres = scene
-            .spheres()
-            .iter()
-            .map(|s| LocalSphere { c: V3::splat(local.point(s.center)), r: ldexp(s.radius, -power) })
-            .collect();
+        let sphere = |s: &Sphere| LocalSphere { c: V3::splat(local.point(s.center)), r: ldexp(s.radius, -power) };
+        let mut spheres = roomy(scene.spheres().len());
+        spheres.par_extend(scene.spheres().par_iter().map(sphere));
+        local.spheres = spheres;
         local.lights = scene.lights().iter().map(|&l| local.point(l)).collect();
         local
     }

@@ -9,6 +9,7 @@ use super::{
     SurfaceId, Triangle,
 };
 use crate::precise::predicates::{parallel, parallel_to_view};
+use crate::simd::roomy;
 
 /// A value that the format's semantic checks refuse.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -75,6 +76,13 @@ pub struct SceneBuilder {
     next_order: Order,
 }
 
+/// `objects` with room for `more`.
+fn extended<T>(objects: Vec<T>, more: usize) -> Vec<T> {
+    let mut extended = roomy(objects.len() + more);
+    extended.extend(objects);
+    extended
+}
+
 impl SceneBuilder {
     /// An empty scene: no camera, black background.
     #[must_use]
@@ -84,8 +92,8 @@ impl SceneBuilder {
 
     /// Room for `triangles` and `spheres` more, taken at once.
     pub fn reserve(&mut self, triangles: usize, spheres: usize) {
-        self.triangles.reserve_exact(triangles);
-        self.spheres.reserve_exact(spheres);
+        self.triangles = extended(std::mem::take(&mut self.triangles), triangles);
+        self.spheres = extended(std::mem::take(&mut self.spheres), spheres);
     }
 
     /// Sets the eye.

@@ -11,9 +11,12 @@
 mod arrays;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod pages;
 
 use std::ops::{Add, Mul, Neg, Sub};
 use std::sync::OnceLock;
+
+pub(crate) use pages::roomy;
 
 use crate::geometry::Real;
 

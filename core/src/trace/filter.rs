@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::bvh::Boxes;
 use crate::geometry::{Local, V3};
 use crate::scene::Scene;
+use crate::simd::roomy;
 
 /// A triangle as linear functions of a point: which side of its plane, and two weights.
 #[derive(Clone, Copy, Debug, Default)]
@@ -108,11 +109,16 @@ impl Filter {
         let planes: Vec<_> = local.planes.iter().map(plane).collect();
         // Planes and lights beyond what f32 can square need f64 throughout.
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);
-        near.then(|| Self {
-            triangles: triangles.par_iter().map(triangle).collect(),
-            spheres: spheres.iter().map(sphere).collect(),
-            planes,
-            reach: (wide.radius() * (1.0 + 1e-6)) as f32,
+        near.then(|| {
+            let mut filter = Self {
+                triangles: roomy(triangles.len()),
+                spheres: roomy(spheres.len()),
+                planes,
+                reach: (wide.radius() * (1.0 + 1e-6)) as f32,
+            };
+            filter.triangles.par_extend(triangles.par_iter().map(triangle));
+            filter.spheres.par_extend(spheres.par_iter().map(sphere));
+            filter
         })
     }
 }

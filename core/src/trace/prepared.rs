@@ -9,11 +9,12 @@ use rayon::prelude::*;
 use super::arbiter::{self, ExactPlane, ExactRay, FIRST, LAST, Unsure};
 use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
-use crate::bvh::{Boxes, Coordinate, Item, Wide, build_binary};
+use crate::bvh::{Boxes, Builder, Coordinate, Item, Wide};
 use crate::geometry::local::surface_and_order;
 use crate::geometry::{Aabb, Local, ObjectId, Ray, U, V3};
 use crate::precise::{Bound, Vector, zero_area};
 use crate::scene::{Scene, Triangle};
+use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
 #[derive(Debug)]
@@ -71,11 +72,12 @@ impl PreparedScene {
                     &scene.triangles()[(b - first_triangle) as usize],
                 )
         };
+        let builder = Builder::new(first_triangle, &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
-            Boxes::Double(hierarchy(items::<f64>(scene, local, &|_| ()).0, &hidden))
+            Boxes::Double(hierarchy(items::<f64>(scene, local, &|_| ()).0, &builder))
         } else {
-            Boxes::Single(hierarchy(singles, &hidden))
+            Boxes::Single(hierarchy(singles, &builder))
         };
         (boxes, outgrown, flat)
     }
@@ -166,36 +168,34 @@ fn coincide(a: &Triangle, b: &Triangle) -> bool {
 /// The boxes of all spheres and of all triangles with an area, and how many have none. `see` is
 /// called with each box before it is rounded.
 fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(&Aabb) + Sync)) -> (Vec<Item<T>>, usize) {
-    /// Instead of a kind: a triangle without area.
-    const FLAT: u8 = u8::MAX;
     let (first, spheres) = (scene.planes().len(), local.spheres.len());
     let item = |i: usize| {
-        let (b, kind) = match i.checked_sub(spheres).map(|i| &scene.triangles()[i]) {
-            None => (Local::sphere_box(&local.spheres[i]), 1),
-            Some(t) if zero_area::is_zero(&t.written, t.by_sides()) => (Aabb::EMPTY, FLAT),
-            Some(t) => (Local::triangle_box(&local.triangle(t)), 0),
+        let b = match i.checked_sub(spheres).map(|i| &scene.triangles()[i]) {
+            None => Local::sphere_box(&local.spheres[i]),
+            Some(t) if zero_area::is_zero(&t.written, t.by_sides()) => Aabb::EMPTY,
+            Some(t) => Local::triangle_box(&local.triangle(t)),
         };
-        if kind != FLAT {
+        if b != Aabb::EMPTY {
             see(&b);
         }
-        Item { lo: b.lo.to_array().map(T::down), hi: b.hi.to_array().map(T::up), id: (first + i) as u32, kind }
+        Item::new(b.lo.to_array().map(T::down), b.hi.to_array().map(T::up), (first + i) as u32)
     };
     // Every one in its place first: that needs no second copy.
     let all = spheres + scene.triangles().len();
-    let mut items: Vec<_> = (0..all).into_par_iter().map(item).collect();
-    if items.par_iter().any(|i| i.kind == FLAT) {
-        items.retain(|i| i.kind != FLAT);
+    let mut items = roomy(all);
+    items.par_extend((0..all).into_par_iter().map(item));
+    if items.par_iter().any(Item::is_empty) {
+        items.retain(|i| !i.is_empty());
     }
     let flat = all - items.len();
     (items, flat)
 }
 
-fn hierarchy<T: Coordinate>(mut items: Vec<Item<T>>, hidden: &(dyn Fn(u32, u32) -> bool + Sync)) -> Wide<T> {
-    let root = build_binary(&mut items);
-    let wide = Wide::collapse(root.as_ref(), &items, hidden);
-    // A million nodes take a while to be given back, and nobody waits for that.
+fn hierarchy<T: Coordinate>(mut items: Vec<Item<T>>, builder: &Builder<'_>) -> Wide<T> {
+    let wide = builder.build(&mut items);
+    // Many items take a while to be given back, and nobody waits for that.
     if rayon::current_num_threads() > 1 {
-        rayon::spawn(move || drop((root, items)));
+        rayon::spawn(move || drop(items));
     }
     wide
 }

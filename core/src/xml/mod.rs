@@ -12,6 +12,9 @@
 //! or `lex::MAX_ATTRIBUTES` attributes in a tag, all of which it can be made to choke
 //! on. How the text is cut changes neither scene nor diagnostics.
 //!
+//! Of large files there is no whole text: `stream` reads them block by block, as far as they are
+//! ordinary scenes without errors, with the same result.
+//!
 //! White space between elements may be written as character references (`&#32;`), as
 //! common validators take it; CDATA sections may not stand anywhere.
 
@@ -29,6 +32,7 @@ mod part;
 mod piece;
 mod prolog;
 mod source;
+mod stream;
 mod suggest;
 mod syntax;
 #[cfg(test)]
@@ -121,8 +125,17 @@ impl Default for Tuning {
 /// When the file cannot be read or is not a valid scene: everything that is wrong with it.
 pub fn read_file(path: &Path, options: &ReadOptions) -> Result<Read, ReadError> {
     let name = path.display().to_string();
-    let bytes = file_bytes(path, options.max_bytes).map_err(|message| failed(&name, message))?;
-    read_bytes(bytes, &name, Some(path.parent().unwrap_or(Path::new(""))), options)
+    let base_dir = path.parent().unwrap_or(Path::new(""));
+    let (file, length) = open(path, options.max_bytes).map_err(|message| failed(&name, message))?;
+    #[cfg(unix)]
+    if length > LARGE {
+        let fetch = |at: u64, buffer: &mut [u8]| fill(&file, at, buffer);
+        if let Some(read) = streamed(&fetch, length, stream::Blocks::default(), &name, Some(base_dir), options) {
+            return Ok(read);
+        }
+    }
+    let bytes = file_bytes(file, length, options.max_bytes).map_err(|message| failed(&name, message))?;
+    read_bytes(bytes, &name, Some(base_dir), options)
 }
 
 /// Reads the scene in `bytes`, called `name` in diagnostics. Pictures are looked up from
@@ -160,13 +173,45 @@ fn read(
     };
     let mut assembly = Assembly::new(limits, base_dir);
     document(&decoded.text, decoded.start, limits, tuning, &mut assembly);
-    assembly.findings.list.sort_by_key(|f| f.at.start);
+    let errors = assembly.findings.errors;
+    let diagnostics = diagnostics(&mut assembly.findings, &decoded.text, decoded.start, name);
+    // The text is the largest thing in memory, and nobody needs it any more.
+    drop(decoded);
+    if errors > 0 {
+        return Err(ReadError { diagnostics, cut: assembly.cut || errors > limits.errors });
+    }
+    match assembly.scene.finish() {
+        Ok(scene) => {
+            let omitted_warnings = assembly.findings.warnings.saturating_sub(diagnostics.len());
+            Ok(Read { scene, warnings: diagnostics, omitted_warnings })
+        }
+        Err(invalid) => Err(failed(name, format!("the scene cannot be built: {invalid}"))),
+    }
+}
 
-    let (errors, warnings) = (assembly.findings.errors, assembly.findings.warnings);
-    let mut lines = source::Lines::new(&decoded.text, decoded.start);
+/// Reads a file block by block; `None` where that cannot be done.
+fn streamed(
+    fetch: &stream::Fetch<'_>,
+    length: usize,
+    blocks: stream::Blocks,
+    name: &str,
+    base_dir: Option<&Path>,
+    options: &ReadOptions,
+) -> Option<Read> {
+    let limits = Limits { errors: options.max_errors.max(1), warnings: options.max_warnings };
+    let (assembly, warnings) = stream::read(fetch, (length, name), blocks, limits, base_dir)?;
+    let omitted_warnings = assembly.findings.warnings.saturating_sub(warnings.len());
+    Some(Read { scene: assembly.scene.finish().ok()?, warnings, omitted_warnings })
+}
+
+/// The findings that are to be reported, in document order, with their places.
+fn diagnostics(findings: &mut Findings, text: &str, start: usize, name: &str) -> Vec<Diagnostic> {
+    let limits = findings.limits();
+    findings.list.sort_by_key(|f| f.at.start);
+    let mut lines = source::Lines::new(text, start);
     let (mut kept_errors, mut kept_warnings) = (0, 0);
     let mut diagnostics = Vec::new();
-    for finding in std::mem::take(&mut assembly.findings.list) {
+    for finding in std::mem::take(&mut findings.list) {
         let (kept, limit) = match finding.code.severity() {
             Severity::Error => (&mut kept_errors, limits.errors),
             Severity::Warning => (&mut kept_warnings, limits.warnings),
@@ -176,18 +221,7 @@ fn read(
             diagnostics.push(lines.diagnostic(name, finding));
         }
     }
-    // The text is the largest thing in memory, and nobody needs it any more.
-    drop(decoded);
-    if errors > 0 {
-        return Err(ReadError { diagnostics, cut: assembly.cut || errors > limits.errors });
-    }
-    match assembly.scene.finish() {
-        Ok(scene) => {
-            let omitted_warnings = warnings.saturating_sub(diagnostics.len());
-            Ok(Read { scene, warnings: diagnostics, omitted_warnings })
-        }
-        Err(invalid) => Err(failed(name, format!("the scene cannot be built: {invalid}"))),
-    }
+    diagnostics
 }
 
 /// Reads the document's parts into `assembly`.
@@ -239,13 +273,8 @@ fn too_long(max_bytes: u64) -> String {
     format!("the scene is larger than the limit of {max_bytes} bytes")
 }
 
-/// The bytes of a regular file; whatever else a name may stand for is not opened.
-fn file_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
-    let unreadable = |e: std::io::Error| match e.kind() {
-        std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
-        std::io::ErrorKind::PermissionDenied => "the file may not be read (permission denied)".to_owned(),
-        _ => format!("the file cannot be read: {e}"),
-    };
+/// A regular file and its length; whatever else a name may stand for is not opened.
+fn open(path: &Path, max_bytes: u64) -> Result<(File, usize), String> {
     let kind = std::fs::metadata(path).map_err(unreadable)?;
     if kind.is_dir() {
         return Err("this is a folder, not a scene file".into());
@@ -256,9 +285,20 @@ fn file_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     if kind.len() > max_bytes {
         return Err(too_long(max_bytes));
     }
-    let mut file = File::open(path).map_err(unreadable)?;
+    Ok((File::open(path).map_err(unreadable)?, usize::try_from(kind.len()).unwrap_or(usize::MAX)))
+}
+
+fn unreadable(e: std::io::Error) -> String {
+    match e.kind() {
+        std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
+        std::io::ErrorKind::PermissionDenied => "the file may not be read (permission denied)".to_owned(),
+        _ => format!("the file cannot be read: {e}"),
+    }
+}
+
+/// The bytes of `file`, about `length`.
+fn file_bytes(mut file: File, length: usize, max_bytes: u64) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
-    let length = usize::try_from(kind.len()).unwrap_or(usize::MAX);
     bytes
         .try_reserve_exact(length.saturating_add(1))
         .map_err(|_| "there is not enough memory for the file".to_owned())?;
@@ -273,7 +313,10 @@ fn file_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Files above this many bytes are read by several threads.
+/// Files above this many bytes are read block by block, where that can be done.
+#[cfg(unix)]
+const LARGE: usize = 1 << 20;
+/// Others above this many bytes are read by several threads.
 #[cfg(unix)]
 const SEVERAL: usize = 4 << 20;
 
@@ -283,23 +326,27 @@ const SEVERAL: usize = 4 << 20;
 #[cfg(unix)]
 fn together(file: &File, length: usize, bytes: &mut Vec<u8>) -> std::io::Result<()> {
     use rayon::prelude::*;
-    use std::os::unix::fs::FileExt;
     bytes.resize(length, 0);
-    let fetch = |(i, part): (usize, &mut [u8])| -> std::io::Result<usize> {
-        let mut done = 0;
-        while done < part.len() {
-            match file.read_at(&mut part[done..], (i * SEVERAL + done) as u64) {
-                Ok(0) => break,
-                Ok(n) => done += n,
-                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
-            }
-        }
-        Ok(done)
-    };
+    let fetch = |(i, part): (usize, &mut [u8])| fill(file, (i * SEVERAL) as u64, part);
     let fetched = bytes.par_chunks_mut(SEVERAL).enumerate().map(fetch).collect::<std::io::Result<Vec<_>>>()?;
     // A file that shrank ends where the first part does that is not full.
     let full = fetched.iter().take_while(|&&n| n == SEVERAL).count();
     bytes.truncate(full * SEVERAL + fetched.get(full).copied().unwrap_or(0));
     Ok(())
+}
+
+/// Fills `buffer` with what stands at `at`, as far as `file` reaches; gives how much that is.
+#[cfg(unix)]
+fn fill(file: &File, at: u64, buffer: &mut [u8]) -> std::io::Result<usize> {
+    use std::os::unix::fs::FileExt;
+    let mut done = 0;
+    while done < buffer.len() {
+        match file.read_at(&mut buffer[done..], at + done as u64) {
+            Ok(0) => break,
+            Ok(n) => done += n,
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(done)
 }

@@ -195,6 +195,16 @@ impl Part {
         Ok(())
     }
 
+    /// Triangles it holds.
+    pub(super) fn triangles(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// Spheres it holds.
+    pub(super) fn spheres(&self) -> usize {
+        self.spheres.len()
+    }
+
     /// Whether it holds a light.
     pub(super) fn lit(&self) -> bool {
         !self.lights.is_empty()

@@ -7,6 +7,8 @@ use super::finding::Finding;
 
 /// Characters of a source line that a place shows at most.
 const SHOWN: usize = 100;
+/// Bytes behind a finding that its place may show.
+pub(super) const AROUND: usize = 8 * SHOWN;
 
 /// `text`, shortened to what a message can hold.
 pub(super) fn shown(text: &str) -> String {
@@ -78,7 +80,7 @@ impl<'t> Lines<'t> {
         let text = self.text;
         let begin = floor(text, at.start.max(self.scanned));
         self.advance(begin);
-        let seen = floor(text, begin.saturating_add(8 * SHOWN));
+        let seen = floor(text, begin.saturating_add(AROUND));
         let line_end = memchr::memchr2(b'\n', b'\r', &text.as_bytes()[begin..seen]).map_or(seen, |i| begin + i);
         let column = self.columns;
         let end = floor(text, at.end.clamp(begin, line_end));

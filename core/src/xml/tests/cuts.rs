@@ -4,7 +4,8 @@
 use crate::xml::assembly::Assembly;
 use crate::xml::finding::{Findings, Limits};
 use crate::xml::piece::{End, Reader};
-use crate::xml::{Diagnostic, Read, ReadError, ReadOptions, Tuning, frame, read, source};
+use crate::xml::stream::Blocks;
+use crate::xml::{Diagnostic, Read, ReadError, ReadOptions, Tuning, frame, read, source, streamed};
 
 use super::{CAMERA, LIGHT};
 
@@ -149,6 +150,17 @@ fn diagnostics(result: &Result<Read, ReadError>) -> &[Diagnostic] {
     }
 }
 
+/// Read block by block, where it can be.
+fn in_blocks(text: &str, block: usize, behind: usize, batch: usize) -> Option<Read> {
+    let fetch = |at: u64, buffer: &mut [u8]| {
+        let rest = &text.as_bytes()[at as usize..];
+        let n = rest.len().min(buffer.len());
+        buffer[..n].copy_from_slice(&rest[..n]);
+        Ok(n)
+    };
+    streamed(&fetch, text.len(), Blocks { block, behind, batch }, "s.xml", None, &options())
+}
+
 /// Compares all cuts; gives the result.
 fn same_for_all_cuts(text: &str) -> Result<Read, ReadError> {
     let first = cut(text, 64 << 10, 128 << 10, 128, true);
@@ -163,7 +175,63 @@ fn same_for_all_cuts(text: &str) -> Result<Read, ReadError> {
         let other = cut(text, run, piece, batch, fast);
         assert_eq!(first, other, "run {run}, piece {piece}, batch {batch}, fast {fast}\n{text}");
     }
+    for (block, behind, batch) in [(600, 400, 3), (1000, 300, 1), (1 << 20, 0, 1)] {
+        if let Some(read) = in_blocks(text, block, behind, batch) {
+            assert_eq!(first.as_ref(), Ok(&read), "block {block}, behind {behind}, batch {batch}\n{text}");
+        }
+    }
     first
+}
+
+#[test]
+fn ordinary_documents_are_read_in_blocks() {
+    let mut r = Random(3);
+    let (mut good, mut cut) = (0, 0);
+    for _ in 0..200 {
+        let text = document(&mut r);
+        let read = same_for_all_cuts(&text);
+        // Where a warning's line begins may not be in sight.
+        if read.is_ok_and(|read| read.warnings.is_empty()) {
+            assert!(in_blocks(&text, 1 << 20, 0, 1).is_some(), "\n{text}");
+            good += 1;
+        }
+        // Blocks may be taken to begin inside a comment.
+        cut += usize::from(in_blocks(&text, 600, 600, 2).is_some());
+    }
+    assert!(good > 15 && cut > 15, "{good} good, {cut} in blocks");
+}
+
+#[test]
+fn blocks_count_lines() {
+    let flat = "<triangle><c0><vector x='1' y='1' z='1'/></c0><c1><vector x='1' y='1' z='1'/></c1>\
+        <c2><vector x='2' y='1' z='1'/></c2></triangle>";
+    for end in ["\n", "\r\n", "\r", "\n\r\n"] {
+        let objects = format!("{LIGHT}{end}{LIGHT}{end}{flat}{end}").repeat(40);
+        let text = format!("<scene>{end}{CAMERA}<world>{end}{objects}</world>{end}</scene>{end}");
+        let whole = cut(&text, 64 << 10, 128 << 10, 128, true);
+        assert_eq!(diagnostics(&whole).len(), 40);
+        for block in [600, 601, 602, 603, 1500, 1 << 20] {
+            assert_eq!(in_blocks(&text, block, 1400, 3), whole.clone().ok(), "{block} {end:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_not_whole_or_not_ascii_is_not_read_in_blocks() {
+    let good =
+        format!("<?xml version='1.0' encoding='latin1'?><scene>{CAMERA}<world>{}</world></scene>", LIGHT.repeat(50));
+    assert!(in_blocks(&good, 600, 300, 2).is_some());
+    for bad in [
+        good.replace("latin1", "utf-16"),
+        good.replace("latin1", "no such"),
+        good.replace("<world>", "<world><!-- \u{e4} -->"),
+        good.replace("</scene>", ""),
+        good.replace("</scene>", "</scene><!-- \u{e4} -->"),
+        good.replace("encoding='latin1'", "standalone='yes'"),
+        good.replace(&format!("{LIGHT}</world>"), &format!("<!-- {} --></world>", LIGHT.repeat(20))),
+    ] {
+        assert_eq!(in_blocks(&bad, 600, 300, 2), None, "{bad}");
+    }
 }
 
 #[test]
