@@ -37,8 +37,8 @@ use camera::Frame;
 pub(crate) use path::{PathScratch, mix};
 use record::{Look, Probe, Recording, Records};
 use texture::{Mapping, Texels};
-use wave::Wave;
 pub(crate) use wave::WaveScratch;
+use wave::{Blockers, Wave};
 
 /// Rays traced, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -316,6 +316,9 @@ impl Tracer {
         for points in points.chunks(wave::PATHS) {
             let (record, out) = (Some(Recording::new(points.len(), records)), &mut out[..points.len()]);
             dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
+            let mut found = Vec::with_capacity(records.dark().len());
+            dispatch(self.level, Blockers { tracer: self, dark: records.dark(), scratch, found: &mut found });
+            records.blocked_by(&found);
         }
     }
 

@@ -134,14 +134,9 @@ impl Tracer {
                             court.occluded(&case, decision, scene.lights()[k], &candidates)
                         }
                     };
-                    if blocked
-                        && let Some((record, path)) = &mut record
-                        && record.keeps_blockers()
-                    {
-                        self.prepared.closest(&shadow, Some(decision), query);
-                        if let Some(object) = query.seemingly_closest() {
-                            record.block(*path, k, object);
-                        }
+                    if blocked && let Some((record, path)) = &mut record {
+                        let from = decision.id.0 | if decision.inside { INSIDE } else { 0 };
+                        record.block(*path, k, || shadow, from);
                     }
                     if !blocked {
                         cosines.push(cosine);

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 pub(crate) use super::packet::{INSIDE, NONE};
 use super::path::mix;
+use crate::geometry::Ray;
 
 /// How much of a path is looked at; depths count from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,6 +75,16 @@ impl Meeting {
     }
 }
 
+/// A segment to a light that something blocks.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Dark {
+    pub(crate) ray: Ray,
+    /// The object it starts on, with [`INSIDE`].
+    pub(crate) from: u32,
+    /// Its place among the blockers.
+    at: u32,
+}
+
 /// Recorded paths, in the order they were asked for.
 #[derive(Clone, Debug)]
 pub(crate) struct Records {
@@ -86,13 +97,23 @@ pub(crate) struct Records {
     lit: Vec<u64>,
     /// Of every light, the object that blocks it first; [`NONE`] where none does.
     blockers: Vec<u32>,
+    /// Where these are yet to be found.
+    dark: Vec<Dark>,
 }
 
 impl Records {
     /// No paths, in a scene of so many lights.
     pub(crate) fn new(lights: usize) -> Self {
         let words = lights.div_ceil(64);
-        Self { lights, words, first: Vec::new(), meetings: Vec::new(), lit: Vec::new(), blockers: Vec::new() }
+        Self {
+            lights,
+            words,
+            first: Vec::new(),
+            meetings: Vec::new(),
+            lit: Vec::new(),
+            blockers: Vec::new(),
+            dark: Vec::new(),
+        }
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -123,6 +144,18 @@ impl Records {
     /// Of every light, the object that blocks it first at a meeting; [`NONE`] where none does.
     pub(crate) fn blockers(&self, meeting: usize) -> &[u32] {
         &self.blockers[meeting * self.lights..(meeting + 1) * self.lights]
+    }
+
+    /// The blocked segments whose blockers are yet to be found.
+    pub(crate) fn dark(&self) -> &[Dark] {
+        &self.dark
+    }
+
+    /// Takes in what blocks each of them.
+    pub(crate) fn blocked_by(&mut self, found: &[u32]) {
+        for (dark, object) in self.dark.drain(..).zip(found) {
+            self.blockers[dark.at as usize] = *object;
+        }
     }
 
     /// Adds the paths of `other`.
@@ -283,15 +316,12 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// Whether what blocks lights is kept.
-    pub(crate) fn keeps_blockers(&self) -> bool {
-        matches!(self.sink, Sink::Records { .. })
-    }
-
-    /// Notes what blocks `light` first at the latest meeting of `path`.
-    pub(crate) fn block(&mut self, path: usize, light: usize, object: u32) {
+    /// The `segment` to `light` from the latest meeting of `path`, on `from`, is blocked: by what, is
+    /// to be found where it is kept.
+    pub(crate) fn block(&mut self, path: usize, light: usize, segment: impl FnOnce() -> Ray, from: u32) {
         if let Sink::Records { records, latest, .. } = &mut self.sink {
-            records.blockers[latest[path] as usize * records.lights + light] = object;
+            let at = (latest[path] as usize * records.lights + light) as u32;
+            records.dark.push(Dark { at, from, ray: segment() });
         }
     }
 

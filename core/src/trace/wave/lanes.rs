@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::PATHS;
 use crate::geometry::{Ray, Real, V3};
 use crate::simd::{Double, LANES, Simd};
+use crate::trace::Tracer;
 use crate::trace::packet::NONE;
 use crate::trace::shade::{self, Place};
 
@@ -136,6 +137,12 @@ impl Places {
             n: load3::<S>(&self.n, at),
             en: load::<S>(&self.en, at),
         }
+    }
+
+    /// The segment from the i-th place to a light.
+    pub(super) fn segment(&self, i: usize, tracer: &Tracer, light: usize) -> Ray {
+        let (place, to) = (self.one(i), V3::splat(tracer.prepared.local.lights[light]));
+        shade::towards(&place, to, to - place.p)
     }
 
     pub(super) fn one(&self, i: usize) -> Place {

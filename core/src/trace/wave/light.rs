@@ -64,20 +64,14 @@ impl Stage<'_> {
                         blocked |= 1 << lane;
                     }
                 }
-                if blocked != 0 && paths.keeps_blockers() {
-                    packet.active = blocked & near;
-                    packet::closest::<S>(self.filter, self.wide, packet, walk);
-                    for lane in packet::lanes(blocked) {
-                        let i = shadows.at[first + lane] as usize;
-                        let sure = (walk.best[lane] != NONE).then_some(walk.best[lane]);
-                        let candidates = (near >> lane & 1 == 1).then(|| walk.doubts_of(lane));
-                        paths.block((rays, places), i, k, sure, candidates);
-                    }
-                }
                 let lit = all & !blocked;
                 if let Some(r) = &mut paths.record {
                     for lane in packet::lanes(lit) {
                         r.see(rays.path[shadows.at[first + lane] as usize] as usize, k);
+                    }
+                    for lane in packet::lanes(blocked) {
+                        let i = shadows.at[first + lane] as usize;
+                        r.block(rays.path[i] as usize, k, || places.segment(i, self.tracer, k), places.met[i]);
                     }
                 }
                 for (at, eight, lit) in [(first, low, lit as u8), (first + 8, high, (lit >> 8) as u8)] {

@@ -5,12 +5,14 @@
 //! settle goes to the arbiter. `trace::path` traces one path by the same operations and serves
 //! scenes that f32 cannot hold, and the rare path that is longer than a wave keeps.
 
+mod blockers;
 mod find;
 mod lanes;
 mod light;
 mod paths;
 mod places;
 
+pub(crate) use blockers::Blockers;
 use glam::DVec3;
 use lanes::{Column, Places, Rays, column};
 use light::Shadows;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::geometry::{ObjectId, U, V3};
+use crate::geometry::{ObjectId, U};
 use crate::scene::Pigment;
 use crate::trace::arbiter::Decision;
 use crate::trace::camera::PlanePoint;
@@ -166,9 +166,7 @@ impl Paths<'_, '_> {
         candidates: Option<impl Iterator<Item = u32>>,
     ) -> bool {
         let prepared = &self.tracer.prepared;
-        let place = places.one(i);
-        let to = V3::splat(prepared.local.lights[light]);
-        let ray = shade::towards(&place, to, to - place.p);
+        let ray = places.segment(i, self.tracer, light);
         let met = decision(places.met[i]);
         let occluded = match candidates {
             Some(ids) => prepared.occluded_among(&ray, met, ids.map(|id| ObjectId(id & !INSIDE)), self.query),
@@ -183,45 +181,6 @@ impl Paths<'_, '_> {
                 let light = prepared.scene.lights()[light];
                 self.ask(rays.path[i] as usize, |court, case| court.occluded(case, met, light, &candidates))
             }
-        }
-    }
-
-    /// Whether what blocks lights is recorded.
-    pub(super) fn keeps_blockers(&self) -> bool {
-        self.record.as_ref().is_some_and(Recording::keeps_blockers)
-    }
-
-    /// Records what blocks `light` from place `i` first: the `sure` object where there is no doubt, else as
-    /// far as f64 tells among `candidates`, or all objects.
-    #[inline(never)]
-    pub(super) fn block(
-        &mut self,
-        (rays, places): (&Rays, &Places),
-        i: usize,
-        light: usize,
-        sure: Option<u32>,
-        candidates: Option<impl Iterator<Item = u32>>,
-    ) {
-        let mut doubts = candidates.map(Iterator::peekable);
-        let settled = doubts.as_mut().is_some_and(|d| d.peek().is_none());
-        let object = match sure {
-            Some(sure) if settled => Some(sure & !INSIDE),
-            _ => {
-                let prepared = &self.tracer.prepared;
-                let place = places.one(i);
-                let to = V3::splat(prepared.local.lights[light]);
-                let ray = shade::towards(&place, to, to - place.p);
-                let met = decision(places.met[i]);
-                let ids = doubts.map(|d| d.chain(sure).map(|id| ObjectId(id & !INSIDE)));
-                match ids {
-                    Some(ids) => prepared.closest_among(&ray, met, ids, self.query),
-                    None => prepared.closest(&ray, met, self.query),
-                };
-                self.query.seemingly_closest()
-            }
-        };
-        if let (Some(object), Some(record)) = (object, &mut self.record) {
-            record.block(rays.path[i] as usize, light, object);
         }
     }
 
