@@ -258,12 +258,14 @@ fn random_scene(seed: u64) -> Document {
     document
 }
 
-/// A plane under a canopy of spheres that let through spots of light smaller than a pixel; under the
+/// A plane, and a triangle before it, under a canopy of spheres that let through spots of light smaller than a pixel; under the
 /// plane lie so many more that outlines of shadows are not followed one by one.
 fn canopy() -> Document {
     let mut random = Random::new(11);
-    let mut document =
-        Document::new(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO).light(0.0, 0.0, 20.0).plane(DVec3::Z, 0.0, matte(1.0));
+    let mut document = Document::new(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO)
+        .light(0.0, 0.0, 20.0)
+        .plane(DVec3::Z, 0.0, matte(1.0))
+        .triangle([DVec3::new(-3.0, -2.0, 1.0), DVec3::new(2.0, 2.5, 1.0), DVec3::new(1.0, -2.0, 1.0)], matte(0.3));
     let spacing = 0.1;
     for row in -20..=20 {
         for column in -22..=22 {
@@ -344,7 +346,7 @@ fn perfect_mirrors_and_darkness_have_estimates() {
 #[test]
 fn any_division_of_a_picture_gives_the_same_pixels_and_estimates() {
     let (w, h) = (70, 53);
-    let scenes = [generate::mirrors(), generate::lights(30, 70), random_scene(5)];
+    let scenes = [generate::mirrors(), generate::lights(30, 70), random_scene(5), canopy()];
     for (document, every_pixel) in scenes.iter().flat_map(|d| [(d, false), (d, true)]) {
         let tolerance = Tolerance::new(2.0 / 255.0);
         let tracer = tracer(document, (w, h), Sampling::Adaptive { tolerance, every_pixel });
@@ -369,7 +371,8 @@ fn any_division_of_a_picture_gives_the_same_pixels_and_estimates() {
 #[test]
 fn every_instruction_set_gives_the_same_pixels() {
     let tolerance = Tolerance::new(1.0 / 255.0);
-    for (document, every_pixel) in [(generate::mirrors(), false), (random_scene(6), false), (random_scene(6), true)] {
+    let scenes = [(generate::mirrors(), false), (random_scene(6), false), (random_scene(6), true), (canopy(), false)];
+    for (document, every_pixel) in scenes {
         let region = Region::new(0, 0, 60, 44).unwrap();
         let mut first: Option<(Vec<[u32; 3]>, RayCounts)> = None;
         for level in Level::all() {

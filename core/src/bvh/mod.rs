@@ -4,7 +4,7 @@
 //! elsewhere ([`Boxes`]); either way a box surely contains what is below it, rounding of
 //! local space included. Built by binned SAH (Wald, *On fast construction of SAH-based
 //! bounding volume hierarchies*, RT 2007), eight children a node by opening the largest
-//!  (Wald, Benthin, Boulos, *Getting rid of packets*, RT 2008). The result is the
+//! (Wald, Benthin, Boulos, *Getting rid of packets*, RT 2008). The result is the
 //! same for any number of threads.
 
 mod build;

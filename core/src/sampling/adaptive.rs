@@ -7,6 +7,7 @@
 //! - [`super::corners`]: every pixel's corners, followed to their ends and shared by four pixels.
 //! - [`super::small`], [`super::shadow`]: what is smaller than a pixel and could be missed by the
 //!   corners, from projected outlines.
+//! - [`super::gaps`]: where light may pass between shadows.
 //! - [`super::difference`]: of what the corners see, that which differs and is worth a look.
 //! - [`super::shape`], [`super::strata`]: exact areas of objects seen directly.
 //! - [`super::fit`]: single edges, by bisection.

@@ -259,7 +259,8 @@ impl Block<'_> {
             return true;
         }
         if work.views.len() == 4
-            && work.unseen(0) <= self.limit(0, work.rays).max(CLEAN * work.jump())
+            && work.hidden <= self.limit(0, work.rays).max(CLEAN * work.jump())
+            && work.gaps <= self.limit(0, work.rays)
             && work.slope <= self.limit(0, work.rays)
             && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
             && let Some(look) = own.single(&mut self.lights)

@@ -225,7 +225,7 @@ impl Fit {
 
     /// Points close to both sides of the edge, a quarter of its way from either end, and whether they
     /// are on the first corner's side: if so, what is missed is worth less than `limit`.
-    pub(crate) fn quarters(&self, sides: [&Side; 2], limit: f64) -> [(DVec2, bool); 4] {
+    pub(crate) fn quarters(&self, sides: [&Side; 2], limit: f64) -> impl Iterator<Item = (DVec2, bool)> {
         let (p, q) = (self.crossing(0, sides[0]), self.crossing(1, sides[1]));
         let chord = q.0 - p.0;
         let length = chord.length().max(1e-9);
@@ -237,10 +237,12 @@ impl Fit {
         let worth = QUARTER * limit.sqrt() / (self.contrast * length).max(1e-9);
         let beside = (unsure + 0.5 * p.1.max(q.1)).max(worth).min(FAR * length.max(0.1));
         let below = self.first_side(p.0, chord) > 0.0;
-        [(0.25, -1.0), (0.25, 1.0), (0.75, -1.0), (0.75, 1.0)].map(|(t, side)| {
+        let places = [(0.25, -1.0), (0.25, 1.0), (0.75, -1.0), (0.75, 1.0)].into_iter().map(move |(t, side)| {
             let at = p.0 + chord * t + normal * (4.0 * bend * t * (1.0 - t) + side * beside);
             (at, (side < 0.0) == below)
-        })
+        });
+        // What is seen beyond the pixel is not its own.
+        places.filter(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmple(DVec2::ONE).all())
     }
 
     /// 1 where a bend along the normal adds to the first corner's side, else −1.

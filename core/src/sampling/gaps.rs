@@ -51,8 +51,9 @@ impl Gaps {
             if places.len() < alike.len() {
                 return;
             }
-            for (light, &from) in tracer.lights().iter().enumerate() {
-                let blocker = |k: usize| records.blockers(places[k].0)[light];
+            let blockers: Vec<_> = places.iter().map(|(i, _)| records.blockers(*i)).collect();
+            for (light, &from) in tracer.lights().iter().enumerate().take(blockers[0].len()) {
+                let blocker = |k: usize| blockers[k][light];
                 let first = blocker(0);
                 if (1..places.len()).all(|k| blocker(k) == first) || (0..places.len()).any(|k| blocker(k) == NONE) {
                     continue;
@@ -73,7 +74,7 @@ impl Gaps {
     }
 }
 
-/// Whether an object is between two points; meshes always are, since they have no gaps.
+/// Whether an object is between two points. Triangles are taken to be of meshes without gaps.
 fn covers(tracer: &Tracer, object: u32, p: DVec3, light: DVec3) -> bool {
     let prepared = tracer.prepared();
     let Kind::Sphere(i) = kind(&prepared.scene, ObjectId(object)) else { return true };

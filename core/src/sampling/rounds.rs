@@ -4,7 +4,7 @@ use super::block::{Block, Search};
 use super::fit::{Fit, Next, Side};
 use super::lattice::{UNIT, rms};
 use super::net;
-use super::work::{self, How, Key, Work};
+use super::work::{How, Key, Work};
 use crate::trace::PlanePoint;
 use crate::trace::record::{Look, NONE, Probe};
 
@@ -50,7 +50,8 @@ impl Block<'_> {
     pub(super) fn advance(&mut self, work: &mut Work) -> bool {
         // Every look that agrees makes it less likely that more hides.
         let (hidden, gaps) = (work.hidden, work.gaps);
-        let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5) + work::missed(gaps, looks);
+        // An edge is looked at, and not what other lights may do beside it.
+        let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5) + gaps;
         let How::Fit { fit, look, keys, sides, asked, trial } = &mut work.how else { return self.grow(work) };
         let found = sides.map(|s| self.searches[s].side);
         let steps = fit.steps();

@@ -76,7 +76,8 @@ pub(super) enum How {
     /// Not decided.
     Closed,
     /// By its only edge: how it is seen, what its sides are, where it crosses the pixel's, and
-    /// the looks asked for. Once found it is tried by points all over the pixel.
+    /// the looks asked for. Once found it is tried: by points close to it and all over the pixel, of
+    /// which it is known on which side they should be.
     Fit {
         fit: Fit,
         look: Look,
@@ -132,12 +133,6 @@ impl PlanePoint {
     }
 }
 
-/// What is left of the variance of small spots after so many points.
-pub(super) fn missed(variance: f64, points: u32) -> f64 {
-    let n = 1.0 + f64::from(points) / SPOTS;
-    variance / (n * n)
-}
-
 impl Work {
     pub(super) fn new(pixel: usize, at: (u32, u32), origin: PlanePoint, seen: [Seen; 4], hidden: f64) -> Self {
         let places = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
@@ -167,8 +162,8 @@ impl Work {
 
     /// Variance of what so many points did not show.
     pub(super) fn unseen(&self, points: u32) -> f64 {
-        let n = 1.0 + f64::from(points);
-        self.hidden / (n * n) + missed(self.gaps, points)
+        let (n, spots) = (1.0 + f64::from(points), 1.0 + f64::from(points) / SPOTS);
+        self.hidden / (n * n) + self.gaps / (spots * spots)
     }
 
     /// Whether plain paths tell all that is looked for.

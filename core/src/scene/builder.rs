@@ -11,6 +11,9 @@ use super::{
 use crate::precise::predicates::{parallel, parallel_to_view};
 use crate::simd::roomy;
 
+/// As many as a leaf of the hierarchy can name.
+const MOST_OBJECTS: u32 = 1 << 27;
+
 /// A value that the format's semantic checks refuse.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Invalid {
@@ -185,7 +188,7 @@ impl SceneBuilder {
 
     fn order(&mut self) -> Result<Order, Invalid> {
         let order = self.next_order;
-        self.next_order = order.checked_add(1).filter(|&n| n < u32::MAX).ok_or(Invalid::TooMany)?;
+        self.next_order = order.checked_add(1).filter(|&n| n <= MOST_OBJECTS).ok_or(Invalid::TooMany)?;
         Ok(order)
     }
 

@@ -1,11 +1,11 @@
-//! Vectors of the machine, and the choice among them.
+//! Vectors of the machine, the choice among them, and its large pages.
 //!
 //! The only room with `unsafe`. Code above is written once over `Simd` and compiled for
 //! each [`Level`] by `dispatch`; the level is found once, when the process first asks.
 //! No result depends on it: 64-bit operations are IEEE's in every lane, and 32-bit ones
 //! only filter, behind bounds that hold for any rounding and any fusing.
 
-#![expect(unsafe_code, reason = "vector instructions are behind unsafe; nothing else is in this folder")]
+#![expect(unsafe_code, reason = "vector instructions and advice on pages are behind unsafe")]
 
 #[cfg(target_arch = "x86_64")]
 mod arrays;

@@ -67,7 +67,7 @@ impl Frame {
     /// The centre of cell (x, y) of the picture's grid, x to the right, y down.
     pub(crate) fn cell(&self, x: u32, y: u32) -> PlanePoint {
         let n = i64::from(self.grid);
-        // At most 2 · 64 · 65536 in magnitude.
+        // At most 2 · 64 · 65536 in magnitude: cells are of uniform grids.
         PlanePoint {
             x: (2 * i64::from(x) + 1 - n * i64::from(self.width)) as i32,
             y: (n * i64::from(self.height) - 2 * i64::from(y) - 1) as i32,

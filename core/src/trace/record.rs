@@ -6,6 +6,10 @@ pub(crate) use super::packet::{INSIDE, NONE};
 use super::path::mix;
 use crate::geometry::Ray;
 
+/// What blocks lights is kept where they are no more than this: it takes four bytes for each of them at
+/// every meeting.
+const MOST_LIGHTS: usize = 256;
+
 /// How much of a path is looked at; depths count from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Look {
@@ -88,14 +92,15 @@ pub(crate) struct Dark {
 /// Recorded paths, in the order they were asked for.
 #[derive(Clone, Debug)]
 pub(crate) struct Records {
-    lights: usize,
+    /// Of how many lights it is kept what blocks them: of all, or of none.
+    kept: usize,
     /// Words of a meeting's lights.
     words: usize,
     first: Vec<u32>,
     meetings: Vec<Meeting>,
     /// The lights seen, a bit each.
     lit: Vec<u64>,
-    /// Of every light, the object that blocks it first; [`NONE`] where none does.
+    /// Of every light that is kept, the object that blocks it first; [`NONE`] where none does.
     blockers: Vec<u32>,
     /// Where these are yet to be found.
     dark: Vec<Dark>,
@@ -105,8 +110,9 @@ impl Records {
     /// No paths, in a scene of so many lights.
     pub(crate) fn new(lights: usize) -> Self {
         let words = lights.div_ceil(64);
+        let kept = if lights <= MOST_LIGHTS { lights } else { 0 };
         Self {
-            lights,
+            kept,
             words,
             first: Vec::new(),
             meetings: Vec::new(),
@@ -141,9 +147,10 @@ impl Records {
         &self.lit[meeting * self.words..(meeting + 1) * self.words]
     }
 
-    /// Of every light, the object that blocks it first at a meeting; [`NONE`] where none does.
+    /// Of every light, the object that blocks it first at a meeting, [`NONE`] where none does; empty
+    /// where lights are too many.
     pub(crate) fn blockers(&self, meeting: usize) -> &[u32] {
-        &self.blockers[meeting * self.lights..(meeting + 1) * self.lights]
+        &self.blockers[meeting * self.kept..(meeting + 1) * self.kept]
     }
 
     /// The blocked segments whose blockers are yet to be found.
@@ -301,7 +308,7 @@ impl<'a> Recording<'a> {
                 let hash = mix(before, u64::from(code) + 1);
                 records.meetings.push(Meeting { next: NONE, code, hash, p, n, weight, direct, lost: 0.0 });
                 records.lit.resize(records.lit.len() + records.words, 0);
-                records.blockers.resize(records.blockers.len() + records.lights, NONE);
+                records.blockers.resize(records.blockers.len() + records.kept, NONE);
             }
         }
     }
@@ -319,8 +326,10 @@ impl<'a> Recording<'a> {
     /// The `segment` to `light` from the latest meeting of `path`, on `from`, is blocked: by what, is
     /// to be found where it is kept.
     pub(crate) fn block(&mut self, path: usize, light: usize, segment: impl FnOnce() -> Ray, from: u32) {
-        if let Sink::Records { records, latest, .. } = &mut self.sink {
-            let at = (latest[path] as usize * records.lights + light) as u32;
+        if let Sink::Records { records, latest, .. } = &mut self.sink
+            && records.kept > 0
+        {
+            let at = (latest[path] as usize * records.kept + light) as u32;
             records.dark.push(Dark { at, from, ray: segment() });
         }
     }

@@ -32,6 +32,7 @@ mod part;
 mod piece;
 mod prolog;
 mod source;
+#[cfg_attr(not(unix), allow(dead_code, reason = "reading at an offset is Unix's"))]
 mod stream;
 mod suggest;
 mod syntax;
@@ -56,7 +57,7 @@ pub struct ReadOptions {
     pub max_errors: usize,
     /// Warnings reported at most; further ones are counted.
     pub max_warnings: usize,
-    /// The largest file taken, in bytes. About as much memory is needed to read it.
+    /// The largest file taken, in bytes. At most about as much memory is needed to read it.
     pub max_bytes: u64,
 }
 
@@ -190,6 +191,7 @@ fn read(
 }
 
 /// Reads a file block by block; `None` where that cannot be done.
+#[cfg_attr(not(unix), allow(dead_code, reason = "reading at an offset is Unix's"))]
 fn streamed(
     fetch: &stream::Fetch<'_>,
     length: usize,

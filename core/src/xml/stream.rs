@@ -99,6 +99,9 @@ pub(super) fn read<'b>(
             told.truncate(limits.warnings);
             tail = block.tail;
         }
+        if assembly.findings.errors > 0 {
+            return None;
+        }
     }
     parts.into_iter().for_each(|part| assembly.add(part));
 
@@ -175,20 +178,24 @@ impl Stream<'_> {
             self.ordinary(bytes, start, stop, last).or_else(|| self.careful(bytes, start, stop, last))?;
         let mut told = Vec::new();
         if !part.findings.list.is_empty() {
-            let mut findings = std::mem::take(&mut part.findings.list);
-            findings.sort_by_key(|f| f.at.start);
+            let findings = std::mem::take(&mut part.findings.list);
+            // Lines are counted forward, but what is found first is told first.
+            let mut findings: Vec<_> = findings.into_iter().enumerate().collect();
+            findings.sort_by_key(|(_, f)| f.at.start);
             let mut lines = Lines::new(str::from_utf8(bytes).ok()?, 0);
-            for finding in findings {
+            for (found, finding) in findings {
                 let whole = last || finding.at.end + AROUND <= size;
                 let diagnostic = Some(lines.diagnostic(self.name, finding)).filter(|_| whole)?;
                 // Where the block's first line begins is not known.
-                told.push(Some(diagnostic).filter(|d| d.place.as_ref().is_some_and(|p| p.line > 1))?);
+                told.push((found, Some(diagnostic).filter(|d| d.place.as_ref().is_some_and(|p| p.line > 1))?));
             }
+            told.sort_by_key(|(found, _)| *found);
         }
         let tail = match last {
             true => Some(str::from_utf8(&bytes[end..]).ok().filter(|t| t.is_ascii())?.to_owned()),
             false => None,
         };
+        let told = told.into_iter().map(|(_, diagnostic)| diagnostic).collect();
         Some(Block { part, told, tail })
     }
 
@@ -210,7 +217,9 @@ impl Stream<'_> {
             }
             diagnostic
         });
-        Some(placed.collect())
+        let mut placed: Vec<_> = placed.collect();
+        placed.sort_by_key(|d| d.place.as_ref().map(|p| (p.line, p.column)));
+        Some(placed)
     }
 
     /// Reads objects that the fast lane takes, all of them; gives where they end.

@@ -152,13 +152,17 @@ fn diagnostics(result: &Result<Read, ReadError>) -> &[Diagnostic] {
 
 /// Read block by block, where it can be.
 fn in_blocks(text: &str, block: usize, behind: usize, batch: usize) -> Option<Read> {
+    blocks_of(text, Blocks { block, behind, batch }, &options())
+}
+
+fn blocks_of(text: &str, blocks: Blocks, options: &ReadOptions) -> Option<Read> {
     let fetch = |at: u64, buffer: &mut [u8]| {
         let rest = &text.as_bytes()[at as usize..];
         let n = rest.len().min(buffer.len());
         buffer[..n].copy_from_slice(&rest[..n]);
         Ok(n)
     };
-    streamed(&fetch, text.len(), Blocks { block, behind, batch }, "s.xml", None, &options())
+    streamed(&fetch, text.len(), blocks, "s.xml", None, options)
 }
 
 /// Compares all cuts; gives the result.
@@ -213,6 +217,21 @@ fn blocks_count_lines() {
         for block in [600, 601, 602, 603, 1500, 1 << 20] {
             assert_eq!(in_blocks(&text, block, 1400, 3), whole.clone().ok(), "{block} {end:?}");
         }
+    }
+}
+
+#[test]
+fn blocks_tell_the_warnings_that_the_whole_tells() {
+    // Of such a triangle, what is found first stands behind.
+    let flat = "<triangle><c0><vector x='1' y='1e-400' z='1'/></c0><c1><vector x='1' y='0' z='1'/></c1>\
+        <c2><vector x='2' y='1' z='1'/></c2></triangle>";
+    let objects = format!("{LIGHT}\n{LIGHT}\n{LIGHT}\n{flat}\n").repeat(20);
+    let text = format!("<scene>\n{CAMERA}<world>\n{objects}</world>\n</scene>");
+    for max_warnings in [0, 1, 2, 3, 20, 1000] {
+        let options = ReadOptions { max_warnings, ..options() };
+        let whole = read(text.as_bytes().to_vec(), "s.xml", None, &options, Tuning::default());
+        let blocks = Blocks { block: 700, behind: 1400, batch: 3 };
+        assert_eq!(blocks_of(&text, blocks, &options), whole.ok(), "{max_warnings}");
     }
 }
 
