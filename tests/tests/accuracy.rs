@@ -258,8 +258,9 @@ fn random_scene(seed: u64) -> Document {
     document
 }
 
-/// A plane, and a triangle before it, under a canopy of spheres that let through spots of light smaller than a pixel; under the
-/// plane lie so many more that outlines of shadows are not followed one by one.
+/// A plane, and a triangle before it, under a canopy of spheres that let through spots of light
+/// smaller than a pixel; under the plane lie so many more that outlines of shadows are not followed
+/// one by one.
 fn canopy() -> Document {
     let mut random = Random::new(11);
     let mut document = Document::new(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO)

@@ -69,12 +69,9 @@ impl<'a> Builder<'a> {
             wide.nodes.push(node);
             return wide;
         };
-        if items.len() <= ALONE {
-            self.node(items, 0, runs, &mut wide);
-            return wide;
-        }
-        let mut tasks = Vec::new();
-        self.top(items, runs, &mut wide, &mut tasks);
+        let mut tasks = (items.len() > ALONE).then(Vec::new);
+        self.node(items, 0, runs, &mut wide, &mut tasks);
+        let Some(tasks) = tasks else { return wide };
         let mut rest = (items, 0);
         let mut work = Vec::with_capacity(tasks.len());
         for Task { runs, parent, slot } in tasks {
@@ -87,7 +84,7 @@ impl<'a> Builder<'a> {
             .into_par_iter()
             .map(|(items, runs, place)| {
                 let mut part = Wide::default();
-                self.node(items, runs[0].start, runs, &mut part);
+                self.node(items, runs[0].start, runs, &mut part, &mut None);
                 (part, place)
             })
             .collect();
@@ -184,42 +181,30 @@ impl<'a> Builder<'a> {
         open
     }
 
-    /// Adds the node over `runs` and all below it that has many items; the rest becomes tasks.
-    fn top<T: Coordinate>(
+    /// Adds the node over `runs` and all below it; where there are `tasks`, what has few items becomes one
+    /// of them.
+    fn node<T: Coordinate>(
         &self,
         items: &mut [Item<T>],
+        base: usize,
         runs: [Run<T>; 2],
         out: &mut Wide<T>,
-        tasks: &mut Vec<Task<T>>,
+        tasks: &mut Option<Vec<Task<T>>>,
     ) -> Child {
         let parent = out.nodes.len();
         out.nodes.push(Node::default());
-        for (slot, (run, fate)) in self.open(items, 0, runs).into_iter().enumerate() {
-            let link = match fate {
-                Fate::Open | Fate::Leaf => self.leaf(&items[run.start..][..run.len], out),
-                Fate::Node(runs) if run.len > ALONE => self.top(items, runs, out, tasks),
-                Fate::Node(runs) => {
+        for (slot, (run, fate)) in self.open(items, base, runs).into_iter().enumerate() {
+            let link = match (fate, &mut *tasks) {
+                (Fate::Open | Fate::Leaf, _) => self.leaf(&items[run.start - base..][..run.len], out),
+                (Fate::Node(runs), Some(tasks)) if run.len <= ALONE => {
                     tasks.push(Task { runs, parent, slot });
                     Child::NOTHING
                 }
+                (Fate::Node(runs), _) => self.node(items, base, runs, out, tasks),
             };
             out.nodes[parent].set(slot, &run.bounds, link);
         }
         Child::inner(parent)
-    }
-
-    /// Adds the node over `runs` and all below it.
-    fn node<T: Coordinate>(&self, items: &mut [Item<T>], base: usize, runs: [Run<T>; 2], out: &mut Wide<T>) -> Child {
-        let index = out.nodes.len();
-        out.nodes.push(Node::default());
-        for (slot, (run, fate)) in self.open(items, base, runs).into_iter().enumerate() {
-            let link = match fate {
-                Fate::Open | Fate::Leaf => self.leaf(&items[run.start - base..][..run.len], out),
-                Fate::Node(runs) => self.node(items, base, runs, out),
-            };
-            out.nodes[index].set(slot, &run.bounds, link);
-        }
-        Child::inner(index)
     }
 
     /// Adds the items of a leaf but those that are hidden.

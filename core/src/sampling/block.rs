@@ -143,6 +143,15 @@ impl Block<'_> {
         self.points.len() - 1
     }
 
+    /// Asks for points of the pixel at `origin`; gives where their answers begin, and how many they are.
+    pub(super) fn ask_all(&mut self, origin: PlanePoint, points: Vec<DVec2>, look: Look) -> (usize, usize) {
+        let asked = (self.points.len(), points.len());
+        for p in points {
+            self.ask(origin.at(p), look);
+        }
+        asked
+    }
+
     /// Variance of what shadows whose outlines pass do to a pixel whose corners do not show them.
     fn expected(&self, corner: &Seen, edges: &[Mark]) -> f64 {
         if edges.is_empty() {
@@ -179,9 +188,8 @@ impl Block<'_> {
             let alike = seen[1..].iter().all(|s| s.signature == seen[0].signature);
             let hidden = Corners::hidden(self.tracer, at, &around);
             let (edges, marks) = marks.split_at(marks.partition_point(|m| matches!(m.what, What::Edge(_))));
-            let expected = self.expected(seen[0], edges);
+            let hidden = hidden + if alike { self.expected(seen[0], edges) } else { 0.0 };
             let gaps = Gaps::new(self.tracer, &self.corners.records, seen);
-            let hidden = hidden + if alike { expected } else { 0.0 };
             if alike && marks.is_empty() {
                 let (value, variance) = Corners::smooth(&around);
                 let variance = variance + hidden + gaps.variance;

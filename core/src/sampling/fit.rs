@@ -78,6 +78,18 @@ struct Bend {
     steps: u32,
 }
 
+impl Bend {
+    /// Where the edge is taken to be.
+    fn place(&self) -> DVec2 {
+        self.middle + self.normal * (0.5 * (self.lo + self.hi))
+    }
+
+    /// How far that is beside the chord from p.
+    fn beside(&self, p: DVec2, chord: DVec2, length: f64) -> f64 {
+        cross(chord, self.place() - p) / length
+    }
+}
+
 /// An edge that crosses two sides.
 #[derive(Clone, Debug)]
 pub(crate) struct Fit {
@@ -168,10 +180,7 @@ impl Fit {
         }
         let (bend, doubt) = match &self.bend {
             None => (0.0, BEND * length),
-            Some(b) => {
-                let at = b.middle + b.normal * (0.5 * (b.lo + b.hi));
-                (cross(chord, at - p.0) / length.max(1e-9), (b.hi - b.lo) / 12f64.sqrt())
-            }
+            Some(b) => (b.beside(p.0, chord, length.max(1e-9)), (b.hi - b.lo) / 12f64.sqrt()),
         };
         let e = self.contrast * (2.0 / 3.0) * length * doubt;
         let total = each[0] + each[1] + e * e;
@@ -187,7 +196,7 @@ impl Fit {
                 }
                 Some(b) if b.steps < STEPS => {
                     self.samples += 1;
-                    return Next::Points(vec![b.middle + b.normal * (0.5 * (b.lo + b.hi))]);
+                    return Next::Points(vec![b.place()]);
                 }
                 Some(_) => {}
             }
@@ -217,8 +226,7 @@ impl Fit {
         let chord = q - p;
         let length = chord.length().max(1e-9);
         let along = ((at - p).dot(chord) / (length * length)).clamp(0.0, 1.0);
-        let bend =
-            self.bend.as_ref().map_or(0.0, |b| cross(chord, b.middle + b.normal * (0.5 * (b.lo + b.hi)) - p) / length);
+        let bend = self.bend.as_ref().map_or(0.0, |b| b.beside(p, chord, length));
         let beyond = cross(chord, at - p) / length - 4.0 * bend * along * (1.0 - along);
         (beyond.abs() > UNSURE).then(|| (beyond < 0.0) == (self.first_side(p, chord) > 0.0))
     }
@@ -230,10 +238,10 @@ impl Fit {
         let chord = q.0 - p.0;
         let length = chord.length().max(1e-9);
         let normal = DVec2::new(-chord.y, chord.x) * (1.0 / length);
-        let (bend, unsure) = self.bend.as_ref().map_or((0.0, BEND * length), |b| {
-            let at = b.middle + normal * (0.5 * (b.lo + b.hi));
-            (cross(chord, at - p.0) / length, 0.5 * (b.hi - b.lo))
-        });
+        let (bend, unsure) = match &self.bend {
+            None => (0.0, BEND * length),
+            Some(b) => (b.beside(p.0, chord, length), 0.5 * (b.hi - b.lo)),
+        };
         let worth = QUARTER * limit.sqrt() / (self.contrast * length).max(1e-9);
         let beside = (unsure + 0.5 * p.1.max(q.1)).max(worth).min(FAR * length.max(0.1));
         let below = self.first_side(p.0, chord) > 0.0;

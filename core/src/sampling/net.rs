@@ -5,8 +5,8 @@ use glam::{DVec2, DVec3};
 use super::lattice::UNIT;
 use crate::trace::mix;
 
-/// The most points of a pixel, as a power of two.
-pub(crate) const MOST: u32 = 11;
+/// The most points of a pixel, as a power of two: each has a row and a column of the lattice to itself.
+pub(crate) const MOST: u32 = UNIT.ilog2() - 1;
 /// Bits of a coordinate.
 const BITS: u32 = MOST;
 /// The variance of a mean over a net per pair of neighbours that differ, and their difference's

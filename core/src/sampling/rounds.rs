@@ -89,22 +89,16 @@ impl Block<'_> {
                     }
                 }
                 Next::Points(points) => {
-                    *asked = Some((self.points.len(), points.len()));
-                    for p in points {
-                        self.ask(work.origin.at(p), *look);
-                    }
+                    *asked = Some(self.ask_all(work.origin, points, *look));
                     return false;
                 }
                 Next::Done(..) if trial.is_none() => {
                     let sides = [&found[0], &found[1]];
                     let places = (0..TRIALS).map(|k| work.net.place(k));
-                    let mut points: Vec<_> = places.filter_map(|p| Some((p, fit.side(p, sides)?))).collect();
-                    points.extend(fit.quarters(sides, limit));
-                    *asked = Some((self.points.len(), points.len()));
-                    *trial = Some(points.iter().map(|p| p.1).collect());
-                    for (p, _) in points {
-                        self.ask(work.origin.at(p), *look);
-                    }
+                    let known = places.filter_map(|p| Some((p, fit.side(p, sides)?)));
+                    let (points, expected) = known.chain(fit.quarters(sides, limit)).unzip();
+                    *trial = Some(expected);
+                    *asked = Some(self.ask_all(work.origin, points, *look));
                     return false;
                 }
                 Next::Done(area, variance) => {

@@ -18,8 +18,8 @@ use crate::trace::{PathScratch, Tracer};
 const MESH: usize = 16;
 /// Objects times lights that are looked at, at most.
 const MOST: usize = 4_000_000;
-/// Up to so many, and up to [`MANY`] where every pixel is to keep to the tolerance, it is looked what grazes an object falls on even if something is right behind,
-/// and all outlines are followed.
+/// Up to so many, and up to [`MANY`] where every pixel is to keep to the tolerance, it is looked what
+/// grazes an object falls on even if something is right behind, and all outlines are followed.
 const THOROUGH: usize = 5_000;
 const MANY: usize = 50_000;
 

@@ -31,6 +31,7 @@ use crate::geometry::{Local, ObjectId, U};
 use crate::precise::{Big, Bound, Vector};
 use crate::scene::{Plane, PlanePosition, Scene};
 
+use super::packet::{INSIDE, NONE};
 use super::prepared::PreparedScene;
 
 /// Limbs of the numbers asked first, and of those asked last.
@@ -60,6 +61,18 @@ pub(crate) struct Decision {
     pub(crate) id: ObjectId,
     /// Whether the inner side of a sphere is struck; false for other objects.
     pub(crate) inside: bool,
+}
+
+impl Decision {
+    /// The decision that a packet's code stands for.
+    pub(crate) fn of(code: u32) -> Option<Self> {
+        (code != NONE).then_some(Self { id: ObjectId(code & !INSIDE), inside: code & INSIDE != 0 })
+    }
+
+    /// The code of packets for it.
+    pub(crate) fn code(self) -> u32 {
+        self.id.0 | if self.inside { INSIDE } else { 0 }
+    }
 }
 
 /// How wrong a ray may be; see the module's bounds.

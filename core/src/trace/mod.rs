@@ -316,8 +316,7 @@ impl Tracer {
         for points in points.chunks(wave::PATHS) {
             let (record, out) = (Some(Recording::new(points.len(), records)), &mut out[..points.len()]);
             dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
-            let mut found = Vec::with_capacity(records.dark().len());
-            dispatch(self.level, Blockers { tracer: self, dark: records.dark(), scratch, found: &mut found });
+            let found = dispatch(self.level, Blockers { tracer: self, dark: records.dark(), scratch });
             records.blocked_by(&found);
         }
     }

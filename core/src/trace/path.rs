@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::arbiter::Decision;
 use super::camera::PlanePoint;
 use super::court::{Case, Court, Refined};
-use super::packet::{INSIDE, NONE};
+use super::packet::NONE;
 use super::query::{Closest, Occluded, Scratch};
 use super::record::Recording;
 use super::shade::{self, Place};
@@ -103,9 +103,8 @@ impl Tracer {
                 place = refined.place;
             }
             if let Some((record, path)) = &mut record {
-                let code = decision.id.0 | if decision.inside { INSIDE } else { 0 };
                 let at = || (place.p.to_dvec3(), place.n.to_dvec3());
-                record.meet(*path, depth, code, at, color * throughput);
+                record.meet(*path, depth, decision.code(), at, color * throughput);
             }
             if color != DVec3::ZERO {
                 cosines.clear();
@@ -135,8 +134,7 @@ impl Tracer {
                         }
                     };
                     if blocked && let Some((record, path)) = &mut record {
-                        let from = decision.id.0 | if decision.inside { INSIDE } else { 0 };
-                        record.block(*path, k, || shadow, from);
+                        record.block(*path, k, || shadow, decision.code());
                     }
                     if !blocked {
                         cosines.push(cosine);

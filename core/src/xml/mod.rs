@@ -61,6 +61,12 @@ pub struct ReadOptions {
     pub max_bytes: u64,
 }
 
+impl ReadOptions {
+    fn limits(&self) -> Limits {
+        Limits { errors: self.max_errors.max(1), warnings: self.max_warnings }
+    }
+}
+
 impl Default for ReadOptions {
     fn default() -> Self {
         Self { max_errors: 100, max_warnings: 100, max_bytes: 16 << 30 }
@@ -163,7 +169,7 @@ fn read(
     if bytes.len() as u64 > options.max_bytes {
         return Err(failed(name, too_long(options.max_bytes)));
     }
-    let limits = Limits { errors: options.max_errors.max(1), warnings: options.max_warnings };
+    let limits = options.limits();
     let decoded = match encoding::decode(bytes) {
         Ok(decoded) => decoded,
         Err(undecodable) => {
@@ -200,7 +206,7 @@ fn streamed(
     base_dir: Option<&Path>,
     options: &ReadOptions,
 ) -> Option<Read> {
-    let limits = Limits { errors: options.max_errors.max(1), warnings: options.max_warnings };
+    let limits = options.limits();
     let (assembly, warnings) = stream::read(fetch, (length, name), blocks, limits, base_dir)?;
     let omitted_warnings = assembly.findings.warnings.saturating_sub(warnings.len());
     Some(Read { scene: assembly.scene.finish().ok()?, warnings, omitted_warnings })

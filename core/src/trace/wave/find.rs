@@ -4,7 +4,7 @@ use super::lanes::{Places, Rays, eight_at, store};
 use super::paths::Paths;
 use super::{FAR, Stage};
 use crate::geometry::{Ray, V3};
-use crate::simd::{Double, LANES, Simd, Single, prefetch};
+use crate::simd::{Double, LANES, Mask, Simd, Single, prefetch};
 use crate::trace::camera::{self, PlanePoint};
 use crate::trace::packet::{self, INSIDE, NONE, Packet, U32, Walk};
 
@@ -66,6 +66,26 @@ impl Stage<'_> {
         far.lt(s(FAR as f32)) & s(1e-30).lt(dd) & dd.lt(s(1e30))
     }
 
+    /// Walks with the packet of the rays from `at` on, of `n`; gives its lanes, and those that f32 can
+    /// follow.
+    #[inline(always)]
+    pub(super) fn nearest<S: Simd>(
+        &self,
+        rays: &Rays,
+        at: usize,
+        n: usize,
+        packet: &mut Packet,
+        walk: &mut Walk,
+    ) -> [Mask; 2] {
+        let near = self.fill::<S>(packet, &rays.eight::<S>(at), &rays.eight::<S>(at + 8));
+        let all = ((1u32 << LANES.min(n - at)) - 1) as u16;
+        packet.own[..8].copy_from_slice(eight_at(&rays.own, at));
+        packet.own[8..].copy_from_slice(eight_at(&rays.own, at + 8));
+        packet.active = all & near;
+        packet::closest::<S>(self.filter, self.wide, packet, walk);
+        [all, near]
+    }
+
     #[inline(always)]
     pub(super) fn closest<S: Simd>(
         &self,
@@ -77,12 +97,7 @@ impl Stage<'_> {
     ) {
         let n = rays.count;
         for at in (0..n).step_by(LANES) {
-            let near = self.fill::<S>(packet, &rays.eight::<S>(at), &rays.eight::<S>(at + 8));
-            let all = ((1u32 << LANES.min(n - at)) - 1) as u16;
-            packet.own[..8].copy_from_slice(eight_at(&rays.own, at));
-            packet.own[8..].copy_from_slice(eight_at(&rays.own, at + 8));
-            packet.active = all & near;
-            packet::closest::<S>(self.filter, self.wide, packet, walk);
+            let [all, near] = self.nearest::<S>(rays, at, n, packet, walk);
             places.met[at..at + LANES].copy_from_slice(&walk.best);
             self.expect(&walk.best);
             for lane in packet::lanes(walk.open(all, near)) {

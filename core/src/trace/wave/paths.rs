@@ -116,7 +116,7 @@ impl Paths<'_, '_> {
         if self.courts.is_empty() {
             self.courts.resize_with(self.points.len(), || None);
         }
-        let trail: Vec<_> = self.trails[..self.step].iter().filter_map(|met| decision(met[path])).collect();
+        let trail: Vec<_> = self.trails[..self.step].iter().filter_map(|met| Decision::of(met[path])).collect();
         let case = Case { tracer: self.tracer, point: self.points[path], trail: &trail };
         question(self.courts[path].get_or_insert_default(), &case)
     }
@@ -136,21 +136,21 @@ impl Paths<'_, '_> {
         places: &mut Places,
     ) {
         let prepared = &self.tracer.prepared;
-        let (ray, from) = (rays.one(i), decision(rays.own[i]));
+        let (ray, from) = (rays.one(i), Decision::of(rays.own[i]));
         let found = match candidates {
             Some(ids) => prepared.closest_among(&ray, from, ids.map(|id| ObjectId(id & !INSIDE)), self.query),
             None => prepared.closest(&ray, from, self.query),
         };
         places.met[i] = match found {
             Closest::Nothing => NONE,
-            Closest::Sure(d) => code(d),
+            Closest::Sure(d) => d.code(),
             Closest::Doubt if self.tracer.refinement == Refinement::Off => {
-                self.query.likely_closest().map_or(NONE, code)
+                self.query.likely_closest().map_or(NONE, Decision::code)
             }
             Closest::Doubt => {
                 let candidates: Vec<_> = self.query.candidates().collect();
                 let found = self.ask(rays.path[i] as usize, |court, case| court.closest(case, &candidates));
-                found.map_or(NONE, code)
+                found.map_or(NONE, Decision::code)
             }
         };
     }
@@ -167,7 +167,7 @@ impl Paths<'_, '_> {
     ) -> bool {
         let prepared = &self.tracer.prepared;
         let ray = places.segment(i, self.tracer, light);
-        let met = decision(places.met[i]);
+        let met = Decision::of(places.met[i]);
         let occluded = match candidates {
             Some(ids) => prepared.occluded_among(&ray, met, ids.map(|id| ObjectId(id & !INSIDE)), self.query),
             None => prepared.occluded(&ray, met, self.query),
@@ -187,7 +187,7 @@ impl Paths<'_, '_> {
     /// Takes everything about place `i` from wide arithmetic.
     #[inline(never)]
     pub(super) fn refine(&mut self, rays: &Rays, places: &mut Places, i: usize) {
-        let Some(met) = decision(places.met[i]) else { return };
+        let Some(met) = Decision::of(places.met[i]) else { return };
         let tracer = self.tracer;
         if tracer.refinement == Refinement::Off {
             places.set(i, &places.one(i).taken_as_it_is());
@@ -210,13 +210,4 @@ impl Paths<'_, '_> {
         self.refined_places.push(refined);
         places.refined[i] = self.refined_places.len() as u32;
     }
-}
-
-/// An object's code as a decision.
-pub(super) fn decision(code: u32) -> Option<Decision> {
-    (code != NONE).then_some(Decision { id: ObjectId(code & !INSIDE), inside: code & INSIDE != 0 })
-}
-
-fn code(d: Decision) -> u32 {
-    d.id.0 | if d.inside { INSIDE } else { 0 }
 }

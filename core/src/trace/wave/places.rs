@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::lanes::{Eight, Places, Rays, eight_at_mut, load, three};
-use super::paths::{Paths, decision};
+use super::paths::Paths;
 use super::{Kinds, Stage};
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
@@ -11,6 +11,7 @@ use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{ObjectId, Ray, Real, V3};
 use crate::scene::{PictureId, Pigment};
 use crate::simd::{Double, Simd};
+use crate::trace::arbiter::Decision;
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::shade::{self, Place};
 use crate::trace::{Refinement, texture};
@@ -166,7 +167,7 @@ impl Stage<'_> {
     fn pictured(&self, rays: &Rays, places: &Places, i: usize, picture: PictureId) -> Option<DVec3> {
         let tracer = self.tracer;
         let scene = &*tracer.prepared.scene;
-        let met = decision(places.met[i])?;
+        let met = Decision::of(places.met[i])?;
         let (place, ray) = (places.one(i), rays.one(i));
         let (uv, e) = texture::coordinates(scene, &tracer.prepared.local, &tracer.mappings, met, &place, &ray);
         let data = &scene.pictures()[picture.0 as usize];
