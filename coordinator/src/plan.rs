@@ -5,6 +5,7 @@
 //! before. Towards an error no clock is read, so that the picture is the same wherever and by
 //! however many it was rendered.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use tessera_core::film::{ErrorEstimate, Region};
@@ -45,7 +46,7 @@ pub(crate) struct Step {
 pub(crate) struct Outcome {
     /// The estimate over all of it.
     pub(crate) error: ErrorEstimate,
-    /// Tiles and their estimates, where the goal is one of time.
+    /// Tiles and their estimates, where [`Plan::wants_tiles`].
     pub(crate) tiles: Vec<(Region, ErrorEstimate)>,
     /// How long it took.
     pub(crate) took: Duration,
@@ -54,14 +55,18 @@ pub(crate) struct Outcome {
 }
 
 /// Edge of the blocks that are looked at first towards an error.
-const SPOT: u32 = 16;
+const SPOT: u32 = 8;
 /// One of so many blocks is looked at, and at least [`SPOTS`].
-const ONE_IN: usize = 20;
-const SPOTS: usize = 100;
+const ONE_IN: usize = 40;
+const SPOTS: usize = 200;
 /// Looks at the spots, at most.
 const LOOKS: u32 = 2;
 /// The share of the error asked for that is aimed at: estimates err.
 const AIM: f64 = 0.9;
+/// What is aimed at after a look is less by this share, and by what is in doubt.
+const SURE: f64 = 0.04;
+/// And no less than this share.
+const LEAST_AIM: f64 = 0.75;
 /// Errors fall with the tolerance to about this power, over the scenes measured.
 const ERROR_POWER: f64 = 0.6;
 /// Time rises with the inverse of the tolerance to about this power.
@@ -128,12 +133,14 @@ impl Plan {
     }
 
     fn towards(&mut self, error: f64, outcome: &Outcome) -> Option<Step> {
-        let (got, aim) = (outcome.error.rmse(), AIM * error);
+        let got = outcome.error.rmse();
+        let doubt = self.doubt(outcome);
+        let aim = if self.whole == 0 { (1.0 - SURE - doubt).max(LEAST_AIM) * error } else { AIM * error };
         let ratio = if got > 0.0 { (aim / got).clamp(0.02, 50.0) } else { 50.0 };
         let better = |power: f64, t: Tolerance| Tolerance::new(t.fraction() * libm::pow(ratio, power));
         if self.whole == 0 {
             let next = better(1.0 / ERROR_POWER, self.tolerance);
-            if (0.8..=1.2).contains(&ratio) || self.looks == LOOKS || next == self.tolerance {
+            if (0.7..=1.3).contains(&ratio) || self.looks == LOOKS || next == self.tolerance {
                 return Some(self.render(next, Vec::new()));
             }
             self.tolerance = next;
@@ -147,6 +154,25 @@ impl Plan {
         None
     }
 
+    /// Standard error of the root mean square that was seen at the spots, as a share of it.
+    fn doubt(&self, outcome: &Outcome) -> f64 {
+        // A spot may have come in several tiles, and these in any order.
+        let mut spots = BTreeMap::<(u32, u32), u64>::new();
+        for (region, error) in &outcome.tiles {
+            let spot = ((region.y0 - self.region.y0) / SPOT, (region.x0 - self.region.x0) / SPOT);
+            let squares = spots.entry(spot).or_default();
+            *squares = squares.saturating_add(error.squares);
+        }
+        let n = spots.len() as f64;
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for &q in spots.values() {
+            sum += q as f64;
+            squares += q as f64 * q as f64;
+        }
+        // A root's relative error is half of what is beneath it.
+        if sum > 0.0 && n > 1.0 { 0.5 * ((n * squares / (sum * sum) - 1.0).max(0.0) / (n - 1.0)).sqrt() } else { 0.0 }
+    }
+
     /// Pixels of the picture.
     pub(crate) fn area(&self) -> u64 {
         self.region.area()
@@ -154,7 +180,7 @@ impl Plan {
 
     /// Whether tiles are to be remembered one by one.
     pub(crate) fn wants_tiles(&self) -> bool {
-        matches!(self.goal, Goal::Time { .. })
+        self.whole == 0 || matches!(self.goal, Goal::Time { .. })
     }
 
     /// When time is up, since the render began.

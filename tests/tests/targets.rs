@@ -29,7 +29,7 @@ fn a_target_gives_the_same_picture_whoever_renders() {
     for goal in [Goal::AsSet, Goal::Error(1.0 / 255.0)] {
         let wanted = adaptive(goal).workers(1, 1).tile(64).render().unwrap();
         assert!(wanted.is_complete() && wanted.error.is_some());
-        for (workers, tile) in [(2, 16), (3, 24)] {
+        for (workers, tile) in [(2, 16), (3, 24), (2, 5)] {
             let got = adaptive(goal).workers(workers, 1).tile(tile).render().unwrap();
             assert_eq!((got.tolerance, got.passes), (wanted.tolerance, wanted.passes), "{goal:?}");
             assert_eq!(got.error, wanted.error, "{goal:?}: {workers} workers, tiles of {tile}");

@@ -236,12 +236,10 @@ pub(crate) fn mark(tracer: &Tracer, p: &Polygon, what: What, found: &mut Vec<Mar
         return;
     }
     let range = |lo: f64, hi: f64, n: f64| (lo.max(0.0).floor() as u32, hi.min(n).ceil() as u32);
-    let longest = |p: &[[f64; 2]]| {
-        let from = |a: &[f64; 2]| p.iter().map(|b| libm::hypot(a[0] - b[0], a[1] - b[1])).fold(0.0, f64::max);
-        p.iter().map(from).fold(0.0, f64::max)
-    };
+    let apart = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]);
+    let longest = p.iter().flat_map(|a| p.iter().map(move |b| apart(a, b))).fold(0.0, f64::max).sqrt();
     // That of a triangle, and no less than that of anything rounder.
-    let width = 2.0 * whole / longest(p);
+    let width = 2.0 * whole / longest;
     // An object's area is known; of a shadow, a corner tells little of what else of it there is.
     let anywhere = matches!(what, What::Shadow(_)) && width < NARROW;
     let look = |x: u32, y: u32, found: &mut Vec<Mark>| {
