@@ -14,18 +14,18 @@ use super::difference::Difference;
 use super::fit::Side;
 use super::gaps::Gaps;
 use super::lattice::{UNIT, plane_origin, rms};
-use super::rounds::GROWTH;
+use super::rounds::FIRST_POINTS;
 use super::small::{Mark, Marks, What};
 use super::strata::Strata;
 use super::work::{Key, View, Work};
 use crate::film::{PixelError, Region};
-use crate::trace::record::{Look, NONE, Probe, Records};
-use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
+use crate::trace::record::{Look, NONE, Probe, Records, TIERS, Tiers};
+use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch, packets};
 
 /// Small things are looked at one by one, where a pixel has no more of them.
 const FEATURES: usize = 6;
 /// Rays that are worth an error of one tolerance in a pixel.
-const WORTH: f64 = 12.0;
+pub(super) const WORTH: f64 = 12.0;
 /// Only a part of a path is looked at where that takes no more than this share of its rays.
 const SAVING: f64 = 0.6;
 /// How far a part's middle is from where it was seen.
@@ -38,7 +38,7 @@ const CLEAN: f64 = 0.003;
 /// The power of two that a net begins with where small things are many.
 const CROWDED: u32 = 4;
 /// A look at what is met first.
-const FIRST: Look = Look { from: NONE, last: 1, lights: 0 };
+const FIRST: Look = Look { from: NONE, last: 1, lights: 0, until: 1 };
 
 /// A pixel's value and what is thought of its error.
 #[derive(Clone, Copy, Debug, Default)]
@@ -77,9 +77,11 @@ pub(super) struct Block<'a> {
     pub(super) looks: Vec<Look>,
     pub(super) lights: Vec<u64>,
     pub(super) probes: Vec<Probe>,
-    /// Whole paths asked for, and what they show.
-    pub(super) whole: Vec<PlanePoint>,
-    pub(super) samples: Vec<Sample>,
+    /// Paths up to each tier of all, and what they show.
+    pub(super) whole: [Vec<PlanePoint>; TIERS],
+    pub(super) samples: [Vec<Tiers>; TIERS],
+    /// Memory for nets' values in the order of their cells.
+    pub(super) cells: Vec<DVec3>,
     pub(super) scratch: &'a mut WaveScratch,
     pub(super) counts: RayCounts,
 }
@@ -108,8 +110,9 @@ pub(crate) fn render(
         // For looks at no light.
         lights: vec![0; tracer.lights().len().div_ceil(64)],
         probes: Vec::new(),
-        whole: Vec::new(),
-        samples: Vec::new(),
+        whole: Default::default(),
+        samples: Default::default(),
+        cells: Vec::new(),
         scratch,
         counts: RayCounts::default(),
     };
@@ -164,7 +167,8 @@ impl Block<'_> {
     }
 
     /// What needs more than its corners; the rest is settled.
-    fn roots(&mut self) -> Vec<Work> {
+    #[expect(clippy::vec_box, reason = "those settled leave the list, and the rest would be moved")]
+    fn roots(&mut self) -> Vec<Box<Work>> {
         let (w, h, from) = (self.region.width(), self.region.height(), self.origin());
         let mut works = Vec::new();
         let mut marked = Vec::new();
@@ -192,7 +196,7 @@ impl Block<'_> {
             let gaps = Gaps::new(self.tracer, &self.corners.records, seen);
             if alike && marks.is_empty() {
                 let (value, variance) = Corners::smooth(&around);
-                let variance = variance + hidden + gaps.variance;
+                let variance = variance + hidden + gaps.variances.iter().sum::<f64>();
                 let limit = self.tolerance * self.tolerance;
                 if variance <= limit || variance <= self.limit(0, self.corners.rays(seen[0])) {
                     self.finish(pixel, value, variance);
@@ -200,7 +204,7 @@ impl Block<'_> {
                 }
             }
             let origin = PlanePoint { x: from.x + UNIT * i as i32, y: from.y - UNIT * j as i32 };
-            let mut work = Work::new(pixel, at, origin, seen.map(|s| *s), hidden);
+            let mut work = Box::new(Work::new(pixel, at, origin, seen.map(|s| *s), hidden));
             let few = marks.len() <= FEATURES;
             for m in if few { marks } else { &[] } {
                 let p = m.at.map(|x| (f64::from(x) * f64::from(UNIT)).round() as i32);
@@ -208,7 +212,7 @@ impl Block<'_> {
                 self.ask(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] }, FIRST);
             }
             work.crowded = !few;
-            work.gaps = gaps.variance;
+            work.gaps = gaps.variances;
             work.edges = gaps.lights;
             work.edges.extend(edges.iter().filter_map(|m| m.what.light()));
             work.mirrored_gaps = gaps.mirrored;
@@ -231,7 +235,7 @@ impl Block<'_> {
         for (k, (work, p, m)) in marked.into_iter().enumerate() {
             let at = DVec2::new(f64::from(p[0]), f64::from(p[1])) * (1.0 / f64::from(UNIT));
             let seen = Seen::new(self.tracer, &self.extra, k);
-            works[work].views.push(View { at, seen, open: seen.value, area: f64::from(m.area), extra: true });
+            works[work].views.push(View { at, seen, tiers: Tiers::default(), area: f64::from(m.area), extra: true });
         }
         works.retain_mut(|w| !self.open(w));
         works
@@ -242,14 +246,14 @@ impl Block<'_> {
         let around = self.corners.around(work.at);
         if work.views.iter().all(|v| v.seen.signature == work.views[0].seen.signature) && !work.crowded {
             let (value, variance) = Corners::smooth(&around);
-            let variance = variance + work.unseen(0);
+            let variance = variance + work.unseen();
             let rays = self.corners.rays(&work.views[0].seen);
             if variance <= self.limit(0, rays) {
                 self.finish(work.pixel, value, variance);
                 return true;
             }
             self.look_at_what_differs(work, &around);
-            self.spread(work, GROWTH[0]);
+            self.spread(work, [FIRST_POINTS; TIERS]);
             return false;
         }
         let own = Difference::new(&work.views, &[], &self.corners.records, &self.extra);
@@ -262,21 +266,21 @@ impl Block<'_> {
         let e = SLOPE * Corners::slope(&around);
         work.slope = e * e;
         let (value, variance) = work.first_guess();
-        if !work.crowded && variance + work.unseen(0) <= self.limit(0, work.rays) {
-            self.finish(work.pixel, value, variance + work.unseen(0));
+        if !work.crowded && variance + work.unseen() <= self.limit(0, work.all_rays()) {
+            self.finish(work.pixel, value, variance + work.unseen());
             return true;
         }
         if work.views.len() == 4
-            && work.hidden <= self.limit(0, work.rays).max(CLEAN * work.jump())
-            && work.gaps <= self.limit(0, work.rays)
-            && work.slope <= self.limit(0, work.rays)
+            && work.hidden <= self.limit(0, work.all_rays()).max(CLEAN * work.jump())
+            && work.gaps.iter().sum::<f64>() <= self.limit(0, work.all_rays())
+            && work.slope <= self.limit(0, work.all_rays())
             && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
             && let Some(look) = own.single(&mut self.lights)
             && self.fit(work, look)
         {
             return false;
         }
-        self.spread(work, if work.crowded { CROWDED } else { GROWTH[0] });
+        self.spread(work, [if work.crowded { CROWDED } else { FIRST_POINTS }; TIERS]);
         false
     }
 
@@ -284,25 +288,34 @@ impl Block<'_> {
     fn look_at_what_differs(&mut self, work: &mut Work, around: &[&Seen]) {
         let rays = self.corners.rays(&work.views[0].seen);
         if work.crowded || work.mirrored_gaps || work.views.iter().any(|v| v.seen.pictured) {
-            work.look_at_all(rays);
+            self.look_at_all(work);
             return;
         }
         let mut difference = Difference::new(&work.views, around, &self.corners.records, &self.extra);
         difference.watch(&work.edges);
-        work.rays = difference.rays(&work.views[0], &self.corners.records);
-        if work.rays > SAVING * rays {
-            work.look_at_all(rays);
+        work.rays = difference.rays(&work.views, &self.corners.records);
+        if work.rays.iter().sum::<f64>() > SAVING * rays {
+            self.look_at_all(work);
             return;
         }
         work.look = difference.look(&mut self.lights);
         work.hash = difference.hash;
         difference.open(&mut work.views, &self.corners.records, &self.extra, self.tracer);
-        work.base = work.views[..4].iter().fold(DVec3::ZERO, |sum, v| sum + (v.seen.value - v.open)) * 0.25;
-        work.still = work.spread_of(|v| v.seen.value - v.open);
-        if work.still > self.limit(0, work.rays) {
+        work.base = work.views[..4].iter().fold(DVec3::ZERO, |sum, v| sum + (v.seen.value - v.open())) * 0.25;
+        work.still = work.spread_of(|v| v.seen.value - v.open());
+        if work.still > self.limit(0, work.all_rays()) {
             // Smooth as the rest may be, it is not flat.
-            work.look_at_all(rays);
+            self.look_at_all(work);
         }
+    }
+
+    /// Looks at everything, from now on.
+    pub(super) fn look_at_all(&self, work: &mut Work) {
+        let all = Difference::everything(self.corners.records.words());
+        work.look = Look::ALL;
+        (work.hash, work.base, work.still, work.strata) = (0, DVec3::ZERO, 0.0, None);
+        work.rays = all.rays(&work.views, &self.corners.records);
+        all.open(&mut work.views, &self.corners.records, &self.extra, self.tracer);
     }
 
     /// Traces all that was asked for.
@@ -331,9 +344,11 @@ impl Block<'_> {
         );
         self.points.clear();
         self.looks.clear();
-        self.samples.resize(self.whole.len(), Sample::BLANK);
-        self.tracer.trace(&self.whole, self.corners.least, &mut self.samples, self.scratch, &mut self.counts);
-        self.whole.clear();
+        for (tier, (points, found)) in self.whole.iter_mut().zip(&mut self.samples).enumerate() {
+            found.resize(points.len(), Tiers::default());
+            self.tracer.trace_tiers(points, tier, self.corners.least, found, self.scratch, &mut self.counts);
+            points.clear();
+        }
         for (s, i) in searched {
             let search = &mut self.searches[s as usize];
             let key = Key::from(&self.probes[i]);

@@ -1,11 +1,9 @@
 //! In what the paths through a pixel differ.
 
-use glam::DVec3;
-
 use super::corners::Seen;
 use super::work::View;
 use crate::trace::Tracer;
-use crate::trace::record::{Look, Records};
+use crate::trace::record::{Look, Records, TIERS, Tiers};
 
 /// What differs between paths; depths count from 1.
 #[derive(Debug, Default)]
@@ -28,6 +26,11 @@ fn records<'a>(view: &View, corners: &'a Records, extra: &'a Records) -> &'a Rec
 }
 
 impl Difference {
+    /// Everything.
+    pub(super) fn everything(words: usize) -> Self {
+        Self { from: 1, words, ..Self::default() }
+    }
+
     /// In what `views` differ, and those of `around` that meet the same first: an edge there may
     /// well go on here.
     pub(super) fn new(views: &[View], around: &[&Seen], corners: &Records, extra: &Records) -> Self {
@@ -102,11 +105,15 @@ impl Difference {
         }
     }
 
+    fn at(&self, lights: u32) -> Look {
+        Look { from: self.from, last: self.last, lights, until: u32::MAX }
+    }
+
     /// A look at all that differs.
     pub(super) fn look(&self, lights: &mut Vec<u64>) -> Look {
         let at = lights.len() as u32;
         lights.extend_from_slice(&self.lights);
-        Look { from: self.from, last: self.last, lights: at }
+        self.at(at)
     }
 
     /// A look at the only thing that differs: what is met at one depth, or a light.
@@ -118,26 +125,27 @@ impl Difference {
         (differ == 0).then(|| {
             let at = lights.len() as u32;
             lights.extend(std::iter::repeat_n(0, self.from as usize * self.words));
-            Look { from: u32::MAX, last: self.from, lights: at }
+            Look { from: u32::MAX, last: self.from, lights: at, until: u32::MAX }
         })
     }
 
     /// Splits the views' values into what differs and what does not.
     pub(super) fn open(&self, views: &mut [View], corners: &Records, extra: &Records, tracer: &Tracer) {
-        let words = corners.words();
+        let (words, look) = (corners.words(), self.at(0));
         for v in views {
             let r = records(v, corners, extra);
-            v.open = DVec3::ZERO;
+            v.tiers = Tiers::default();
             for (depth, (i, m)) in (1..).zip(r.path(v.seen.path as usize)) {
+                let tier = &mut v.tiers[look.tier(depth)];
                 if depth >= self.from {
-                    v.open += m.direct;
+                    *tier += m.direct;
                 } else if depth <= self.last {
                     let at = (depth as usize - 1) * words;
                     for (k, (&seen, &open)) in r.lights(i).iter().zip(&self.lights[at..at + words]).enumerate() {
                         let mut both = seen & open;
                         while both != 0 {
                             let light = 64 * k + both.trailing_zeros() as usize;
-                            v.open += m.unshadowed(tracer.lights()[light]);
+                            *tier += m.unshadowed(tracer.lights()[light]);
                             both &= both - 1;
                         }
                     }
@@ -146,17 +154,20 @@ impl Difference {
         }
     }
 
-    /// About how many rays a look takes.
-    pub(super) fn rays(&self, view: &View, corners: &Records) -> f64 {
-        let mut rays = 0;
-        for (depth, (i, _)) in (1..).zip(corners.path(view.seen.path as usize)) {
-            if depth >= self.from {
-                rays += 1 + corners.lights(i).iter().map(|w| w.count_ones()).sum::<u32>();
-            } else if depth <= self.last {
-                let at = (depth as usize - 1) * corners.words();
-                rays += 1 + self.lights[at..at + corners.words()].iter().map(|w| w.count_ones()).sum::<u32>();
+    /// About how many rays a look takes in each tier: the mean over the corners.
+    pub(super) fn rays(&self, views: &[View], corners: &Records) -> [f64; TIERS] {
+        let (mut rays, look) = ([0; TIERS], self.at(0));
+        for view in &views[..4] {
+            for (depth, (i, _)) in (1..).zip(corners.path(view.seen.path as usize)) {
+                let tier = &mut rays[look.tier(depth)];
+                if depth >= self.from {
+                    *tier += 1 + corners.lights(i).iter().map(|w| w.count_ones()).sum::<u32>();
+                } else if depth <= self.last {
+                    let at = (depth as usize - 1) * corners.words();
+                    *tier += 1 + self.lights[at..at + corners.words()].iter().map(|w| w.count_ones()).sum::<u32>();
+                }
             }
         }
-        f64::from(rays.max(1))
+        rays.map(|sum| 0.25 * f64::from(sum))
     }
 }

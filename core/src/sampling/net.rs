@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::lattice::UNIT;
-use crate::trace::mix;
+use crate::trace::{PlanePoint, mix};
 
 /// The most points of a pixel, as a power of two: each has a row and a column of the lattice to itself.
 pub(crate) const MOST: u32 = UNIT.ilog2() - 1;
@@ -77,6 +77,13 @@ impl Net {
         (u32::from(x) ^ self.x, u32::from(y) ^ self.y)
     }
 
+    /// The k-th point in the pixel whose upper left corner is `origin`.
+    pub(crate) fn point_of(self, origin: PlanePoint, k: u32) -> PlanePoint {
+        const { assert!(UNIT == 2 << BITS) };
+        let (x, y) = self.point(k);
+        PlanePoint { x: origin.x + 2 * x as i32 + 1, y: origin.y - 2 * y as i32 - 1 }
+    }
+
     /// Where the k-th point is, in pixels from the upper left corner.
     pub(crate) fn place(self, k: u32) -> DVec2 {
         let (x, y) = self.point(k);
@@ -97,22 +104,22 @@ impl Net {
 }
 
 /// Values of a net's cells, row by row.
-pub(crate) struct Cells {
+pub(crate) struct Cells<'a> {
     width: usize,
-    values: Vec<DVec3>,
+    values: &'a [DVec3],
 }
 
-impl Cells {
-    /// Cells for the values of the first 2^`power` points of `net`.
-    pub(crate) fn new(power: u32, net: Net, value: impl Fn(usize) -> DVec3) -> Self {
+impl<'a> Cells<'a> {
+    /// Cells for the values of the first 2^`power` points of `net`, in `memory`.
+    pub(crate) fn new(power: u32, net: Net, value: impl Fn(usize) -> DVec3, memory: &'a mut Vec<DVec3>) -> Self {
         let (a, b) = (power.div_ceil(2).min(BITS), (power / 2).min(BITS));
-        let (width, height) = (1usize << a, 1usize << b);
-        let mut values = vec![DVec3::ZERO; width * height];
+        memory.clear();
+        memory.resize(1 << (a + b), DVec3::ZERO);
         for k in 0..1u32 << power {
             let (x, y) = net.point(k);
-            values[(y >> (BITS - b)) as usize * width + (x >> (BITS - a)) as usize] = value(k as usize);
+            memory[(y >> (BITS - b) << a | x >> (BITS - a)) as usize] = value(k as usize);
         }
-        Self { width, values }
+        Self { width: 1 << a, values: memory }
     }
 
     /// The variance of the error of their mean; `corners` are the values at the pixel's corners,
@@ -120,13 +127,11 @@ impl Cells {
     pub(crate) fn variance(&self, corners: [DVec3; 4]) -> f64 {
         let (w, n) = (self.width, self.values.len());
         let mut sum = 0.0;
-        for (i, &v) in self.values.iter().enumerate() {
-            if (i + 1) % w != 0 {
-                sum += (v - self.values[i + 1]).length_squared();
-            }
-            if i + w < n {
-                sum += (v - self.values[i + w]).length_squared();
-            }
+        for row in self.values.chunks_exact(w) {
+            sum += row.windows(2).map(|pair| (pair[0] - pair[1]).length_squared()).sum::<f64>();
+        }
+        for (a, b) in self.values.iter().zip(&self.values[w..]) {
+            sum += (*a - *b).length_squared();
         }
         for (k, at) in [0, w - 1, n - 1, n - w].into_iter().enumerate() {
             sum += 0.5 * (self.values[at] - corners[k]).length_squared();

@@ -1,15 +1,17 @@
 //! How open pixels are settled, round after round: by their only edge, or by points of their nets.
 
-use super::block::{Block, Search};
+use super::block::{Block, Search, WORTH};
 use super::fit::{Fit, Next, Side};
 use super::lattice::{UNIT, rms};
 use super::net;
+use super::points::Points;
+use super::tiers::{self, Limits, Powers};
 use super::work::{How, Key, Work};
 use crate::trace::PlanePoint;
-use crate::trace::record::{Look, NONE, Probe};
+use crate::trace::record::{Look, NONE, TIERS};
 
-/// Powers of two that a net begins with, and grows by at a time at most.
-pub(super) const GROWTH: [u32; 2] = [2, 3];
+/// The points that a net begins with, as a power of two.
+pub(super) const FIRST_POINTS: u32 = 2;
 /// Points by which an edge is tried.
 const TRIALS: u32 = 6;
 
@@ -49,7 +51,7 @@ impl Block<'_> {
     /// Goes on with a pixel. Whether it is settled.
     pub(super) fn advance(&mut self, work: &mut Work) -> bool {
         // Every look that agrees makes it less likely that more hides.
-        let (hidden, gaps) = (work.hidden, work.gaps);
+        let (hidden, gaps) = (work.hidden, work.gaps.iter().sum::<f64>());
         // An edge is looked at, and not what other lights may do beside it.
         let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5) + gaps;
         let How::Fit { fit, look, keys, sides, asked, trial } = &mut work.how else { return self.grow(work) };
@@ -108,72 +110,87 @@ impl Block<'_> {
                 }
             }
         }
-        self.spread(work, GROWTH[0]);
+        self.spread(work, [FIRST_POINTS; TIERS]);
         false
     }
 
-    /// Asks for the first 2^`power` points of a pixel, or for those that are new.
-    pub(super) fn spread(&mut self, work: &mut Work, power: u32) {
-        let mut probes = match std::mem::replace(&mut work.how, How::Closed) {
-            How::Net { probes, .. } => probes,
-            _ => Vec::new(),
+    /// Asks for the first 2^`powers` points of a pixel, or for those that are new in their tiers.
+    pub(super) fn spread(&mut self, work: &mut Work, powers: Powers) {
+        let (mut points, old) = match std::mem::replace(&mut work.how, How::Closed) {
+            How::Net(points) => {
+                let old = points.powers.map(|p| 1 << p);
+                (points, old)
+            }
+            _ => (Points::default(), [0; TIERS]),
         };
-        let sure = work.unseen(0) + work.slope <= self.limit(0, work.rays);
+        let sure = work.unseen() + work.slope <= self.limit(0, work.all_rays());
         let settled = if sure { work.settled_parts() } else { Vec::new() };
-        let whole = work.wants_whole_paths();
-        let (first, end) = (probes.len() as u32, 1 << power);
-        probes.resize(end as usize, Probe::default());
-        let mut asked = Vec::with_capacity((end - first) as usize);
-        let start = if whole { self.whole.len() } else { self.points.len() };
-        for k in work.net.side_by_side(first, end) {
-            let p = work.net.place(k);
-            if let Some(known) = work.strata.as_ref().and_then(|s| settled.get(s.of(p)).copied().flatten()) {
-                probes[k as usize] = known;
-                continue;
+        points.whole = work.wants_whole_paths() && self.tracer.only_waves();
+        points.extend(powers);
+        for tier in 0..TIERS {
+            points.start[tier] = if points.whole { self.whole[tier].len() } else { self.points.len() };
+            let first = powers.get(tier + 1).map_or(0, |p| 1 << p).max(old[tier]);
+            let mut asked = std::mem::take(&mut points.asked[tier]);
+            asked.clear();
+            asked.extend(work.net.side_by_side(first, 1 << powers[tier]));
+            if let Some(strata) = work.strata.as_ref().filter(|_| !settled.is_empty()) {
+                asked.retain(|&k| {
+                    let known = settled.get(strata.of(work.net.place(k))).and_then(Option::as_ref);
+                    known.is_none_or(|known| {
+                        points.show_all(k, tier, known);
+                        false
+                    })
+                });
             }
-            asked.push(k);
-            let point = work.origin.at(p);
-            if whole {
-                self.whole.push(point);
+            let places = asked.iter().map(|&k| work.net.point_of(work.origin, k));
+            if points.whole {
+                self.whole[tier].extend(places);
             } else {
-                self.ask(point, work.look);
+                self.points.extend(places);
+                self.looks.resize(self.points.len(), work.look.up_to(tier));
             }
+            points.asked[tier] = asked;
         }
-        work.looks += asked.len() as u32;
-        work.how = How::Net { probes, power, asked, start, whole };
+        work.how = How::Net(points);
     }
 
     /// Takes in what a net's points showed, and asks for more if need be. Whether it is settled.
     fn grow(&mut self, work: &mut Work) -> bool {
-        let How::Net { probes, power, asked, start, whole } = &mut work.how else { return true };
-        let power = *power;
+        let How::Net(points) = &mut work.how else { return true };
+        let powers = points.powers;
         let mut astray = false;
-        for (k, i) in asked.drain(..).zip(*start..) {
-            let probe = &mut probes[k as usize];
-            if *whole {
-                probe.radiance = self.samples[i].radiance;
-            } else {
-                *probe = self.probes[i];
-                astray |= probe.hash != work.hash;
+        for tier in 0..TIERS {
+            let asked = std::mem::take(&mut points.asked[tier]);
+            for (&k, i) in asked.iter().zip(points.start[tier]..) {
+                if points.whole {
+                    points.show(k, tier, &self.samples[tier][i]);
+                } else {
+                    let probe = &self.probes[i];
+                    points.show_all(k, tier, probe);
+                    astray |= probe.hash != work.hash;
+                }
             }
+            points.asked[tier] = asked;
         }
         if astray {
             // Something was met that no corner shows: nothing is known to be the same everywhere.
-            work.look_at_all(self.corners.rays(&work.views[0].seen));
+            self.look_at_all(work);
             work.how = How::Closed;
-            self.spread(work, power);
+            self.spread(work, powers);
             return false;
         }
-        let (value, variance) = work.evaluate(self.tracer);
-        let limit = self.limit(work.looks, work.rays);
-        if variance <= limit || power >= net::MOST {
-            self.finish(work.pixel, value, variance);
-            return true;
+        let (value, variances) = work.evaluate(self.tracer, &mut self.cells);
+        let enough = self.tolerance * self.tolerance;
+        let a_ray = (!self.every_pixel).then_some(enough / WORTH);
+        match tiers::next(powers, variances, work.rays, Limits { enough, a_ray, most: net::MOST }) {
+            None => {
+                self.finish(work.pixel, value, variances.iter().sum());
+                true
+            }
+            Some(powers) => {
+                self.spread(work, powers);
+                false
+            }
         }
-        // Variances fall with the 1.5th power, and limits rise with the first or not at all.
-        let power_of_both = if self.every_pixel { 1.5 } else { 2.5 };
-        let more = (libm::log2(variance / limit) / power_of_both).ceil().clamp(1.0, f64::from(GROWTH[1])) as u32;
-        self.spread(work, (power + more).min(net::MOST));
-        false
     }
 }

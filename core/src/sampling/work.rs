@@ -5,11 +5,12 @@ use glam::{DVec2, DVec3};
 use super::corners::Seen;
 use super::fit::Fit;
 use super::lattice::{UNIT, extent, rms};
-use super::net::{Cells, Net};
+use super::net::Net;
+use super::points::Points;
 use super::shape::Shape;
 use super::strata::{Part, Strata};
-use crate::trace::record::{Look, NONE, Probe, Records};
-use crate::trace::{PlanePoint, Tracer};
+use crate::trace::PlanePoint;
+use crate::trace::record::{Look, NONE, Probe, Records, TIERS, Tiers};
 
 /// Standard deviation of the integral over an area whose corners alone are known to differ, as a
 /// share of the largest difference.
@@ -25,7 +26,7 @@ const CHANCE: f64 = 0.3;
 /// places, as a share of its value.
 const BALL: f64 = 0.3;
 /// Standard deviation of what is claimed twice or by none, as a share.
-const CLAIMED: f64 = 0.3;
+pub(super) const CLAIMED: f64 = 0.3;
 
 /// Points that are likely to show a spot of light between shadows.
 const SPOTS: f64 = 4.0;
@@ -36,12 +37,23 @@ pub(super) struct View {
     /// In pixels from its upper left corner.
     pub(super) at: DVec2,
     pub(super) seen: Seen,
-    /// The part of its value that is looked at.
-    pub(super) open: DVec3,
+    /// The part of its value that is looked at, by tiers.
+    pub(super) tiers: Tiers,
     /// The area of what it was to show; 0 for corners.
     pub(super) area: f64,
     /// Whether it is no corner.
     pub(super) extra: bool,
+}
+
+impl View {
+    /// The part of its value that is looked at.
+    pub(super) fn open(&self) -> DVec3 {
+        sum(&self.tiers)
+    }
+}
+
+pub(super) fn sum(tiers: &Tiers) -> DVec3 {
+    tiers.iter().fold(DVec3::ZERO, |sum, t| sum + *t)
 }
 
 /// What tells the sides of an edge apart.
@@ -86,9 +98,8 @@ pub(super) enum How {
         asked: Option<(usize, usize)>,
         trial: Option<Vec<bool>>,
     },
-    /// By the first 2^`power` points of its net, of which `asked` are answered from `start` on,
-    /// among the looks or, if `whole`, among the whole paths.
-    Net { probes: Vec<Probe>, power: u32, asked: Vec<u32>, start: usize, whole: bool },
+    /// By points of its net.
+    Net(Points),
 }
 
 /// See the [module](self).
@@ -104,8 +115,8 @@ pub(super) struct Work {
     pub(super) hash: u64,
     /// The value of what is not looked at.
     pub(super) base: DVec3,
-    /// Rays of a look.
-    pub(super) rays: f64,
+    /// Rays of a look, by tiers.
+    pub(super) rays: [f64; TIERS],
     pub(super) strata: Option<Strata>,
     /// Variance of that.
     pub(super) still: f64,
@@ -113,15 +124,14 @@ pub(super) struct Work {
     pub(super) slope: f64,
     /// Variance of what may hide between the corners.
     pub(super) hidden: f64,
-    /// Variance of what light may pass between shadows.
-    pub(super) gaps: f64,
+    /// Variance of what light may pass between shadows, by tiers.
+    pub(super) gaps: [f64; TIERS],
     /// Whether these are too many to be looked at one by one.
     pub(super) crowded: bool,
     /// Lights whose shadows' outlines pass.
     pub(super) edges: Vec<u32>,
     /// Whether light may pass between shadows in mirrors.
     pub(super) mirrored_gaps: bool,
-    pub(super) looks: u32,
     pub(super) how: How,
 }
 
@@ -142,42 +152,50 @@ impl Work {
             at,
             net: Net::of(at),
             origin,
-            views: views.map(|(seen, at)| View { at, seen, open: seen.value, area: 0.0, extra: false }).collect(),
+            views: views
+                .map(|(seen, at)| View { at, seen, tiers: Tiers::default(), area: 0.0, extra: false })
+                .collect(),
             look: Look::ALL,
             hash: 0,
             base: DVec3::ZERO,
             still: 0.0,
             slope: 0.0,
-            rays: 1.0,
+            rays: [0.0; TIERS],
             strata: None,
             hidden,
-            gaps: 0.0,
+            gaps: [0.0; TIERS],
             crowded: false,
             edges: Vec::new(),
             mirrored_gaps: false,
-            looks: 0,
             how: How::Closed,
         }
     }
 
-    /// Variance of what so many points did not show.
-    pub(super) fn unseen(&self, points: u32) -> f64 {
-        let (n, spots) = (1.0 + f64::from(points), 1.0 + f64::from(points) / SPOTS);
-        self.hidden / (n * n) + self.gaps / (spots * spots)
+    /// Rays of a look.
+    pub(super) fn all_rays(&self) -> f64 {
+        self.rays.iter().sum::<f64>().max(1.0)
+    }
+
+    /// Variance of what no point shows yet.
+    pub(super) fn unseen(&self) -> f64 {
+        self.hidden + self.gaps.iter().sum::<f64>()
+    }
+
+    /// Variance of what so many points of each tier did not show.
+    pub(super) fn missed(&self, points: [f64; TIERS]) -> [f64; TIERS] {
+        // Much hides where much differs.
+        let jumps: [f64; TIERS] = std::array::from_fn(|t| self.spread_of(|v| v.tiers[t]));
+        let shares = if jumps.iter().sum::<f64>() > 0.0 { jumps } else { self.rays.map(|rays| rays + f64::EPSILON) };
+        let all: f64 = shares.iter().sum();
+        std::array::from_fn(|t| {
+            let (n, spots) = (1.0 + points[t], 1.0 + points[t] / SPOTS);
+            self.hidden * shares[t] / (all * n * n) + self.gaps[t] / (spots * spots)
+        })
     }
 
     /// Whether plain paths tell all that is looked for.
     pub(super) fn wants_whole_paths(&self) -> bool {
         self.look == Look::ALL && self.strata.is_none()
-    }
-
-    /// Looks at everything, from now on.
-    pub(super) fn look_at_all(&mut self, rays: f64) {
-        self.look = Look::ALL;
-        (self.hash, self.base, self.still, self.strata, self.rays) = (0, DVec3::ZERO, 0.0, None, rays);
-        for v in &mut self.views {
-            v.open = v.seen.value;
-        }
     }
 
     /// Variance of the mean over the corners of what varies smoothly between them.
@@ -191,7 +209,7 @@ impl Work {
         let mut objects = self.views.iter().filter(|v| v.seen.first != NONE);
         let Some(one) = objects.next() else { return 0.0 };
         // Equal values of different lights are chance.
-        let apart = |v: &View| rms(v.open - one.open).max(CHANCE * rms(v.open.max(one.open)));
+        let apart = |v: &View| rms(v.open() - one.open()).max(CHANCE * rms(v.open().max(one.open())));
         let far = |v: &View| if v.seen.rest == one.seen.rest { 0.0 } else { apart(v) };
         let e = STRAY * objects.map(far).fold(0.0, f64::max);
         e * e
@@ -199,7 +217,7 @@ impl Work {
 
     /// The square of the largest difference between views.
     pub(super) fn jump(&self) -> f64 {
-        self.spread_of(|v| v.open) / (SMOOTH * SMOOTH)
+        self.spread_of(View::open) / (SMOOTH * SMOOTH)
     }
 
     /// The views in each part of the strata, and in the rest.
@@ -222,7 +240,9 @@ impl Work {
         let part = |(k, p): (usize, &Part)| {
             let group = &groups[k];
             let alike = group.iter().all(|v| v.seen.signature == group[0].seen.signature);
-            let radiance = group.iter().fold(DVec3::ZERO, |sum, v| sum + v.open) * (1.0 / group.len() as f64);
+            let mean =
+                |t: usize| group.iter().fold(DVec3::ZERO, |sum, v| sum + v.tiers[t]) * (1.0 / group.len() as f64);
+            let radiance = std::array::from_fn(mean);
             (alike && !group.is_empty() && !small(p)).then_some(Probe { radiance, first: p.code, hash: 0, lit: false })
         };
         strata.parts.iter().enumerate().map(part).collect()
@@ -230,8 +250,9 @@ impl Work {
 
     /// The value as far as whole paths tell, and the variance of its error.
     pub(super) fn first_guess(&self) -> (DVec3, f64) {
-        let extent = |views: &[&View]| extent(views.iter().map(|v| v.open));
-        let mean = |views: &[&View]| views.iter().fold(DVec3::ZERO, |sum, v| sum + v.open) * (1.0 / views.len() as f64);
+        let extent = |views: &[&View]| extent(views.iter().map(|v| v.open()));
+        let mean =
+            |views: &[&View]| views.iter().fold(DVec3::ZERO, |sum, v| sum + v.open()) * (1.0 / views.len() as f64);
         let all: Vec<&View> = self.views.iter().collect();
         let Some(strata) = &self.strata else {
             let e = UNSEEN * extent(&all);
@@ -262,7 +283,7 @@ impl Work {
 
     /// Mean and range of the corners on one side of an edge.
     pub(super) fn open_of(&self, like: &[bool; 4], side: bool) -> (DVec3, f64) {
-        let of_side = || self.views.iter().zip(like).filter(|(_, l)| **l == side).map(|(v, _)| v.open);
+        let of_side = || self.views.iter().zip(like).filter(|(_, l)| **l == side).map(|(v, _)| v.open());
         (of_side().sum::<DVec3>() * (1.0 / of_side().count() as f64), extent(of_side()))
     }
 
@@ -274,51 +295,5 @@ impl Work {
         let (a, b) = (self.open_of(&like, true), self.open_of(&like, false));
         let e = [SMOOTH * a.1 * area, SMOOTH * b.1 * (1.0 - area)];
         (self.base + a.0 * area + b.0 * (1.0 - area), e[0] * e[0] + e[1] * e[1] + self.still)
-    }
-
-    /// The value that a net's points give, and the variance of its error.
-    pub(super) fn evaluate(&mut self, tracer: &Tracer) -> (DVec3, f64) {
-        let How::Net { probes, power, .. } = &self.how else { return (DVec3::ZERO, f64::INFINITY) };
-        let net = self.net;
-        let at = |k: usize| net.place(k as u32);
-        if self.strata.is_some() {
-            let views = self.views.iter().map(|v| (v.at, v.seen.first));
-            let samples: Vec<_> = views.chain(probes.iter().enumerate().map(|(k, p)| (at(k), p.first))).collect();
-            self.strata = Some(Strata::new(tracer, self.origin, &samples));
-        }
-        let whole = Strata { rest: 1.0, kinds: 1, ..Strata::default() };
-        let strata = self.strata.as_ref().unwrap_or(&whole);
-        let parts = strata.parts.len() + 1;
-        let of: Vec<usize> = (0..probes.len()).map(|k| strata.of(at(k))).collect();
-        let mut sums = vec![(DVec3::ZERO, 0.0); parts];
-        for (p, &part) in probes.iter().zip(&of) {
-            sums[part].0 += p.radiance;
-            sums[part].1 += 1.0;
-        }
-        for v in &self.views {
-            let part = strata.of(v.at);
-            // Corners are no fair sample, but better than none.
-            if sums[part].1 < 1.0 {
-                sums[part].0 += v.open * 1e-3;
-                sums[part].1 += 1e-3;
-            }
-        }
-        let all = probes.iter().fold(DVec3::ZERO, |sum, p| sum + p.radiance) * (1.0 / probes.len() as f64);
-        let means: Vec<DVec3> = sums.iter().map(|s| if s.1 > 0.0 { s.0 * (1.0 / s.1) } else { all }).collect();
-        let value = (0..parts).fold(self.base, |sum, k| sum + means[k] * strata.area(k));
-        let cells = Cells::new(*power, self.net, |k| probes[k].radiance - means[of[k]]);
-        let residual = |v: &View| v.open - means[strata.of(v.at)];
-        let corners = std::array::from_fn(|k| residual(&self.views[k]));
-        let apart = extent((0..parts).filter(|&k| sums[k].1 > 0.0).map(|k| means[k]));
-        let doubt = CLAIMED * strata.doubt * apart;
-        let mut variance = cells.variance(corners) + doubt * doubt + self.still;
-        // Small things that were seen, but by no point of the net.
-        for v in &self.views[4..] {
-            let r = residual(v);
-            let near = (0..probes.len()).map(|k| rms(probes[k].radiance - means[of[k]] - r)).fold(rms(r), f64::min);
-            let e = near * v.area;
-            variance += e * e;
-        }
-        (value, variance + self.unseen(probes.len() as u32))
     }
 }

@@ -24,6 +24,7 @@ pub use camera::PlanePoint;
 pub use condition::Condition;
 pub use prepared::{PreparedScene, RayHit};
 
+use crate::bvh::Boxes;
 use crate::film::transfer::to_linear;
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::geometry::ObjectId;
@@ -35,7 +36,7 @@ use crate::settings::{Sampling, Settings, Tolerance};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 pub(crate) use path::{PathScratch, mix};
-use record::{Look, Probe, Recording, Records};
+use record::{Look, Probe, Recording, Records, TIERS, Tiers};
 use texture::{Mapping, Texels};
 pub(crate) use wave::WaveScratch;
 use wave::{Blockers, Wave};
@@ -315,7 +316,7 @@ impl Tracer {
         let mut out = [Sample::BLANK; wave::PATHS];
         for points in points.chunks(wave::PATHS) {
             let (record, out) = (Some(Recording::new(points.len(), records)), &mut out[..points.len()]);
-            dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
+            self.wave(points, record, least, out, scratch, counts);
             let found = dispatch(self.level, Blockers { tracer: self, dark: records.dark(), scratch });
             records.blocked_by(&found);
         }
@@ -337,7 +338,7 @@ impl Tracer {
         for (points, (looks, probes)) in points.chunks(wave::PATHS).zip(each) {
             let record = Some(Recording::probing(looks, lights, words, probes));
             let out = &mut out[..points.len()];
-            dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
+            self.wave(points, record, least, out, scratch, counts);
         }
     }
 
@@ -363,7 +364,56 @@ impl Tracer {
         counts: &mut RayCounts,
     ) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            dispatch(self.level, Wave { tracer: self, points, record: None, least, out, scratch, counts });
+            self.wave(points, None, least, out, scratch, counts);
+        }
+    }
+
+    /// The plainest wave of at most [`wave::PATHS`] points.
+    fn wave(
+        &self,
+        points: &[PlanePoint],
+        record: Option<Recording<'_>>,
+        least: f64,
+        out: &mut [Sample],
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
+        let max_depth = self.settings.max_depth;
+        let wave = Wave { tracer: self, points, record, tiers: None, max_depth, least, out, scratch, counts };
+        dispatch(self.level, wave);
+    }
+
+    /// Whether paths go by waves alone, as [`Self::trace_tiers`] needs it.
+    pub(crate) fn only_waves(&self) -> bool {
+        self.level != Level::Scalar
+            && self.prepared.filter.is_some()
+            && matches!(self.prepared.boxes, Boxes::Single(_))
+            && self.settings.max_depth <= wave::STEPS
+    }
+
+    /// What is seen through `points` in each tier of [`record::Look::ALL`] up to `tier`. As [`Self::trace`]
+    /// else.
+    pub(crate) fn trace_tiers(
+        &self,
+        points: &[PlanePoint],
+        tier: usize,
+        least: f64,
+        found: &mut [Tiers],
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
+        let end = if tier + 1 == TIERS { u32::MAX } else { tier as u32 + 1 };
+        let max_depth = self.settings.max_depth.min(end);
+        let mut out = [Sample::BLANK; wave::PATHS];
+        found.fill(Tiers::default());
+        for (points, found) in points.chunks(wave::PATHS).zip(found.chunks_mut(wave::PATHS)) {
+            let (out, tiers) = (&mut out[..points.len()], Some(&mut *found));
+            let (scratch, counts) = (&mut *scratch, &mut *counts);
+            let wave = Wave { tracer: self, points, record: None, tiers, max_depth, least, out, scratch, counts };
+            dispatch(self.level, wave);
+            for (tiers, rest) in found.iter_mut().zip(out) {
+                tiers[TIERS - 1] = rest.radiance;
+            }
         }
     }
 
