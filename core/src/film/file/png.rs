@@ -27,7 +27,7 @@ pub(super) fn write(
     encoder.set_color(ColorType::Rgb);
     encoder.set_depth(if depth == Depth::Eight { BitDepth::Eight } else { BitDepth::Sixteen });
     encoder.set_compression(Compression::Fast);
-    encoder.set_filter(Filter::Adaptive);
+    encoder.set_filter(Filter::Paeth);
     match transfer {
         Transfer::Srgb => encoder.set_source_srgb(SrgbRenderingIntent::Perceptual),
         Transfer::Linear => encoder.set_source_gamma(ScaledFloat::from_scaled(100_000)),
