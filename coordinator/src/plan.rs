@@ -61,7 +61,7 @@ const ONE_IN: usize = 40;
 const SPOTS: usize = 200;
 /// Looks at the spots, at most.
 const LOOKS: u32 = 2;
-/// The share of the error asked for that is aimed at: estimates err.
+/// The share of the error asked for that is aimed at after a whole picture: estimates err.
 const AIM: f64 = 0.9;
 /// What is aimed at after a look is less by this share, and by what is in doubt.
 const SURE: f64 = 0.04;
@@ -140,7 +140,7 @@ impl Plan {
         let better = |power: f64, t: Tolerance| Tolerance::new(t.fraction() * libm::pow(ratio, power));
         if self.whole == 0 {
             let next = better(1.0 / ERROR_POWER, self.tolerance);
-            if (0.7..=1.3).contains(&ratio) || self.looks == LOOKS || next == self.tolerance {
+            if (0.7..=1.1).contains(&ratio) || self.looks == LOOKS || next == self.tolerance {
                 return Some(self.render(next, Vec::new()));
             }
             self.tolerance = next;
@@ -169,8 +169,12 @@ impl Plan {
             sum += q as f64;
             squares += q as f64 * q as f64;
         }
+        if !(sum > 0.0 && n > 1.0) {
+            return 0.0;
+        }
+        let unseen = 1.0 - n / self.region.blocks(SPOT).len() as f64;
         // A root's relative error is half of what is beneath it.
-        if sum > 0.0 && n > 1.0 { 0.5 * ((n * squares / (sum * sum) - 1.0).max(0.0) / (n - 1.0)).sqrt() } else { 0.0 }
+        0.5 * (unseen.max(0.0) * (n * squares / (sum * sum) - 1.0).max(0.0) / (n - 1.0)).sqrt()
     }
 
     /// Pixels of the picture.
@@ -180,7 +184,12 @@ impl Plan {
 
     /// Whether tiles are to be remembered one by one.
     pub(crate) fn wants_tiles(&self) -> bool {
-        self.whole == 0 || matches!(self.goal, Goal::Time { .. })
+        match self.goal {
+            Goal::AsSet => false,
+            // Of looks.
+            Goal::Error(_) => self.whole == 0,
+            Goal::Time { .. } => true,
+        }
     }
 
     /// When time is up, since the render began.

@@ -286,7 +286,6 @@ impl Block<'_> {
 
     /// Looks at what differs, from now on; at everything where that is not much dearer.
     fn look_at_what_differs(&mut self, work: &mut Work, around: &[&Seen]) {
-        let rays = self.corners.rays(&work.views[0].seen);
         if work.crowded || work.mirrored_gaps || work.views.iter().any(|v| v.seen.pictured) {
             self.look_at_all(work);
             return;
@@ -294,7 +293,8 @@ impl Block<'_> {
         let mut difference = Difference::new(&work.views, around, &self.corners.records, &self.extra);
         difference.watch(&work.edges);
         work.rays = difference.rays(&work.views, &self.corners.records);
-        if work.rays.iter().sum::<f64>() > SAVING * rays {
+        let all = Difference::everything(self.corners.records.words()).rays(&work.views, &self.corners.records);
+        if work.rays.iter().sum::<f64>() > SAVING * all.iter().sum::<f64>() {
             self.look_at_all(work);
             return;
         }

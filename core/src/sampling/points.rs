@@ -51,43 +51,42 @@ impl Points {
 }
 
 impl Work {
-    /// The value that a net's points give, and the variance of its error by tiers. `cells` is memory.
-    pub(super) fn evaluate(&mut self, tracer: &Tracer, cells: &mut Vec<DVec3>) -> (DVec3, [f64; TIERS]) {
-        let How::Net(points) = &self.how else { return (DVec3::ZERO, [f64::INFINITY; TIERS]) };
+    /// The value that a net's points give, and the variance of its error: by tiers, and what more points
+    /// would not take off. `cells` is memory.
+    pub(super) fn evaluate(&mut self, tracer: &Tracer, cells: &mut Vec<DVec3>) -> (DVec3, [f64; TIERS], f64) {
+        let How::Net(points) = &self.how else { return (DVec3::ZERO, [0.0; TIERS], f64::INFINITY) };
         if self.strata.is_some() {
             let views = self.views.iter().map(|v| (v.at, v.seen.first));
             let points = (0..).zip(&points.firsts).map(|(k, first)| (self.net.place(k), *first));
             let samples: Vec<_> = views.chain(points).collect();
             self.strata = Some(Strata::new(tracer, self.origin, &samples));
         }
-        let (mut value, mut variances) = match self.strata.as_ref().filter(|s| !s.parts.is_empty()) {
+        let (value, mut variances, doubt) = match self.strata.as_ref().filter(|s| !s.parts.is_empty()) {
             Some(strata) => self.by_parts(points, strata, cells),
             None => self.at_large(points, cells),
         };
-        value += self.base;
-        variances[0] += self.still;
         let missed = self.missed(points.powers.map(|p| f64::from(1u32 << p)));
         for (v, missed) in variances.iter_mut().zip(missed) {
             *v += missed;
         }
-        (value, variances)
+        (value, variances, self.still + doubt)
     }
 
     /// The mean over points and its variance, where there are no parts.
-    fn at_large(&self, points: &Points, cells: &mut Vec<DVec3>) -> (DVec3, [f64; TIERS]) {
-        let mut value = DVec3::ZERO;
+    fn at_large(&self, points: &Points, cells: &mut Vec<DVec3>) -> (DVec3, [f64; TIERS], f64) {
+        let mut value = self.base;
         for tier in &points.tiers {
             value += tier.iter().fold(DVec3::ZERO, |sum, x| sum + *x) * (1.0 / tier.len() as f64);
         }
-        (value, self.errors(points, cells, &|t, k| points.tiers[t][k], &|t, v| v.tiers[t]))
+        (value, self.errors(points, cells, &|t, k| points.tiers[t][k], &|t, v| v.tiers[t]), 0.0)
     }
 
-    /// The sum of the parts' means over points, and its variance.
-    fn by_parts(&self, points: &Points, strata: &Strata, cells: &mut Vec<DVec3>) -> (DVec3, [f64; TIERS]) {
+    /// The sum of the parts' means over points, its variance, and that of their areas.
+    fn by_parts(&self, points: &Points, strata: &Strata, cells: &mut Vec<DVec3>) -> (DVec3, [f64; TIERS], f64) {
         let parts = strata.parts.len() + 1;
         let of: Vec<u32> = (0..points.tiers[0].len() as u32).map(|k| strata.of(self.net.place(k)) as u32).collect();
         let mut means = vec![Tiers::default(); parts];
-        let mut value = DVec3::ZERO;
+        let mut value = self.base;
         let mut sums = Vec::with_capacity(parts);
         for (t, tier) in points.tiers.iter().enumerate() {
             sums.clear();
@@ -113,13 +112,11 @@ impl Work {
                 value += means[k][t] * strata.area(k);
             }
         }
-        let mut variances =
-            self.errors(points, cells, &|t, k| points.tiers[t][k] - means[of[k] as usize][t], &|t, v| {
-                v.tiers[t] - means[strata.of(v.at)][t]
-            });
+        let variances = self.errors(points, cells, &|t, k| points.tiers[t][k] - means[of[k] as usize][t], &|t, v| {
+            v.tiers[t] - means[strata.of(v.at)][t]
+        });
         let doubt = CLAIMED * strata.doubt * extent(means.iter().map(sum));
-        variances[0] += doubt * doubt;
-        (value, variances)
+        (value, variances, doubt * doubt)
     }
 
     /// The variances of the tiers' means, from what is left at points and views.
@@ -130,25 +127,31 @@ impl Work {
         point: &impl Fn(usize, usize) -> DVec3,
         view: &impl Fn(usize, &View) -> DVec3,
     ) -> [f64; TIERS] {
-        let (mut variances, mut first) = ([0.0; TIERS], 0);
+        let powers = points.powers;
+        let mut variances: [f64; TIERS] =
+            std::array::from_fn(|t| self.variance(powers[t], cells, |k| point(t, k), |v| view(t, v)));
+        let over = |term: &dyn Fn(usize) -> DVec3, tiers: Range<usize>| tiers.fold(DVec3::ZERO, |sum, t| sum + term(t));
+        let mut together = |tiers: Range<usize>, power: u32| {
+            let point = |k: usize| over(&|t| point(t, k), tiers.clone());
+            let view = |v: &View| over(&|t| view(t, v), tiers.clone());
+            self.variance(power, cells, point, view)
+        };
+        // Tiers err together: those of the same points, and those that share the first of them.
+        let (mut first, mut before) = (0, None);
         while first < TIERS {
-            let power = points.powers[first];
-            let end = (first + 1..TIERS).find(|&t| points.powers[t] != power).unwrap_or(TIERS);
-            let mut all = 0.0;
-            for t in first..end {
-                variances[t] = self.variance(power, cells, |k| point(t, k), |v| view(t, v));
-                all += variances[t];
+            let end = (first + 1..TIERS).find(|&t| powers[t] != powers[first]).unwrap_or(TIERS);
+            let own = &variances[first..end];
+            let alone: f64 = own.iter().sum();
+            if alone > 0.0 {
+                let mut joint = if own.len() > 1 { together(first..end, powers[first]) } else { alone };
+                if let Some(nearer) = before {
+                    let both = together(nearer..end, powers[first]) - together(nearer..first, powers[first]) - joint;
+                    let apart = f64::from(1u32 << (powers[nearer] - powers[first]));
+                    joint += both.max(0.0) / (apart * apart.sqrt());
+                }
+                variances[first..end].iter_mut().for_each(|v| *v *= joint / alone);
             }
-            if end > first + 1 && all > 0.0 {
-                // Tiers of the same points err together.
-                let over = |term: &dyn Fn(usize) -> DVec3, tiers: Range<usize>| {
-                    tiers.fold(DVec3::ZERO, |sum, t| sum + term(t))
-                };
-                let point = |k: usize| over(&|t| point(t, k), first..end);
-                let view = |v: &View| over(&|t| view(t, v), first..end);
-                let share = self.variance(power, cells, point, view) / all;
-                variances[first..end].iter_mut().for_each(|v| *v *= share);
-            }
+            before = Some(first);
             first = end;
         }
         variances

@@ -179,12 +179,12 @@ impl Block<'_> {
             self.spread(work, powers);
             return false;
         }
-        let (value, variances) = work.evaluate(self.tracer, &mut self.cells);
+        let (value, variances, fixed) = work.evaluate(self.tracer, &mut self.cells);
         let enough = self.tolerance * self.tolerance;
         let a_ray = (!self.every_pixel).then_some(enough / WORTH);
-        match tiers::next(powers, variances, work.rays, Limits { enough, a_ray, most: net::MOST }) {
+        match tiers::next(powers, (variances, fixed), work.rays, Limits { enough, a_ray, most: net::MOST }) {
             None => {
-                self.finish(work.pixel, value, variances.iter().sum());
+                self.finish(work.pixel, value, variances.iter().sum::<f64>() + fixed);
                 true
             }
             Some(powers) => {

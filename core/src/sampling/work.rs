@@ -183,13 +183,16 @@ impl Work {
 
     /// Variance of what so many points of each tier did not show.
     pub(super) fn missed(&self, points: [f64; TIERS]) -> [f64; TIERS] {
-        // Much hides where much differs.
+        // Much hides where much differs, or where there is much to be seen.
         let jumps: [f64; TIERS] = std::array::from_fn(|t| self.spread_of(|v| v.tiers[t]));
-        let shares = if jumps.iter().sum::<f64>() > 0.0 { jumps } else { self.rays.map(|rays| rays + f64::EPSILON) };
-        let all: f64 = shares.iter().sum();
+        let share = |of: &[f64; TIERS], t: usize| {
+            let all: f64 = of.iter().sum();
+            if all > 0.0 { of[t] / all } else { 1.0 / TIERS as f64 }
+        };
         std::array::from_fn(|t| {
             let (n, spots) = (1.0 + points[t], 1.0 + points[t] / SPOTS);
-            self.hidden * shares[t] / (all * n * n) + self.gaps[t] / (spots * spots)
+            let share = 0.5 * (share(&jumps, t) + share(&self.rays, t));
+            self.hidden * share / (n * n) + self.gaps[t] / (spots * spots)
         })
     }
 

@@ -354,17 +354,10 @@ impl Tracer {
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
-    /// What is seen through `points`, by rays of more weight than `least`. As [`Self::record`] else.
-    pub(crate) fn trace(
-        &self,
-        points: &[PlanePoint],
-        least: f64,
-        out: &mut [Sample],
-        scratch: &mut WaveScratch,
-        counts: &mut RayCounts,
-    ) {
+    /// What is seen through `points`. As [`Self::record`] else.
+    fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            self.wave(points, None, least, out, scratch, counts);
+            self.wave(points, None, 0.0, out, scratch, counts);
         }
     }
 
@@ -391,8 +384,8 @@ impl Tracer {
             && self.settings.max_depth <= wave::STEPS
     }
 
-    /// What is seen through `points` in each tier of [`record::Look::ALL`] up to `tier`. As [`Self::trace`]
-    /// else.
+    /// What is seen through `points` in each tier of [`record::Look::ALL`] up to `tier`, by rays of more weight
+    /// than `least`. As [`Self::record`] else.
     pub(crate) fn trace_tiers(
         &self,
         points: &[PlanePoint],
@@ -432,7 +425,7 @@ impl Tracer {
         points.clear();
         packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
         samples.resize(points.len(), Sample::BLANK);
-        self.trace(points, 0.0, samples, wave, counts);
+        self.trace(points, samples, wave, counts);
         let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
         let mut done = samples.iter();
         if n == 1 {
