@@ -11,6 +11,7 @@ use tessera_core::settings::Quality;
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
 use tessera_tests::process::Process;
+use tessera_tests::program::program;
 
 fn adaptive(goal: Goal) -> Cluster {
     let mut cluster = Cluster::of(generate::demo().scene().unwrap()).size(130, 97);
@@ -80,6 +81,8 @@ async fn a_time_limit_is_kept_though_a_worker_dies() {
     let mut cluster = Cluster::of(generate::lights(200, 40).scene().unwrap()).size(640, 480).workers(0, 1);
     cluster.job.settings.sampling = Quality::Reference.sampling();
     cluster.job.goal = Goal::Time { limit, error: Some(1e-9) };
+    // Built before the clock runs.
+    let _ = program("worker");
     let begin = tokio::time::Instant::now();
     let mut running = cluster.start().await;
     let addr = running.addr.to_string();
