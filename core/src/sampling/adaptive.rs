@@ -27,7 +27,7 @@ use crate::film::{ErrorEstimate, Region, Tile};
 use crate::trace::{RayCounts, Tracer, WaveScratch};
 
 /// Pixels along the edge of the blocks that threads take.
-const BLOCK: u32 = 16;
+const BLOCK: u32 = 32;
 /// Pixels along the edge of the pieces of a region whose corners are kept at a time.
 const PIECE: u32 = 128;
 /// Paths are not followed where what they could still add is below this share of the tolerance.
