@@ -3,7 +3,7 @@
 use std::array::from_fn;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Double, LANES, Mask, Octet, Simd, Single};
+use super::{Double, Floats, LANES, Mask, Octet, Simd, Single};
 use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
@@ -65,18 +65,13 @@ macro_rules! lanewise {
 lanewise!(S16, Add, add, +=);
 lanewise!(S16, Sub, sub, -=);
 lanewise!(S16, Mul, mul, *=);
+lanewise!(S8, Add, add, +=);
+lanewise!(S8, Sub, sub, -=);
+lanewise!(S8, Mul, mul, *=);
 lanewise!(D8, Add, add, +=);
 lanewise!(D8, Sub, sub, -=);
 lanewise!(D8, Mul, mul, *=);
 lanewise!(D8, Div, div, /=);
-
-impl Neg for S16 {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(self.0.map(|x| -x))
-    }
-}
 
 impl Neg for D8 {
     type Output = Self;
@@ -136,11 +131,66 @@ fn lesser<T: Copy + PartialOrd, const N: usize>(a: [T; N], b: [T; N]) -> [T; N] 
     from_fn(|k| if a[k] < b[k] { a[k] } else { b[k] })
 }
 
+macro_rules! floats {
+    ($type:ident, $lanes:expr, $mask:ty, $bits:ident) => {
+        impl Neg for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                Self(self.0.map(|x| -x))
+            }
+        }
+
+        impl Floats for $type {
+            type Mask = $mask;
+            #[inline(always)]
+            fn splat(x: f32) -> Self {
+                Self([x; $lanes])
+            }
+            #[inline(always)]
+            fn fma(self, b: Self, c: Self) -> Self {
+                self * b + c
+            }
+            #[inline(always)]
+            fn recip(self) -> Self {
+                Self(self.0.map(|x| 1.0 / x))
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                Self(self.0.map(f32::sqrt))
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                Self(self.0.map(f32::abs))
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                Self(greater(self.0, other.0))
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                Self(lesser(self.0, other.0))
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> $mask {
+                $bits(|k| self.0[k] < other.0[k])
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> $mask {
+                $bits(|k| self.0[k] <= other.0[k])
+            }
+            #[inline(always)]
+            fn select(self, mask: $mask, other: Self) -> Self {
+                Self(from_fn(|k| if mask >> k & 1 == 1 { self.0[k] } else { other.0[k] }))
+            }
+        }
+    };
+}
+
+floats!(S16, LANES, Mask, mask16);
+floats!(S8, 8, u8, mask8);
+
 impl Single for S16 {
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self([x; LANES])
-    }
     #[inline(always)]
     fn load(x: &[f32; LANES]) -> Self {
         Self(*x)
@@ -148,42 +198,6 @@ impl Single for S16 {
     #[inline(always)]
     fn store(self, to: &mut [f32; LANES]) {
         *to = self.0;
-    }
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        self * b + c
-    }
-    #[inline(always)]
-    fn recip(self) -> Self {
-        Self(self.0.map(|x| 1.0 / x))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0.map(f32::sqrt))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(self.0.map(f32::abs))
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(greater(self.0, other.0))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(lesser(self.0, other.0))
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> Mask {
-        mask16(|k| self.0[k] < other.0[k])
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> Mask {
-        mask16(|k| self.0[k] <= other.0[k])
-    }
-    #[inline(always)]
-    fn select(self, mask: Mask, other: Self) -> Self {
-        Self(from_fn(|k| if mask >> k & 1 == 1 { self.0[k] } else { other.0[k] }))
     }
     #[inline(always)]
     fn least(self) -> f32 {
@@ -197,32 +211,12 @@ impl Single for S16 {
 
 impl Octet for S8 {
     #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self([x; 8])
-    }
-    #[inline(always)]
     fn load(x: &[f32; 8]) -> Self {
         Self(*x)
     }
     #[inline(always)]
     fn store(self, to: &mut [f32; 8]) {
         *to = self.0;
-    }
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        Self(from_fn(|k| self.0[k] * b.0[k] + c.0[k]))
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(greater(self.0, other.0))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(lesser(self.0, other.0))
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> u8 {
-        mask8(|k| self.0[k] <= other.0[k])
     }
 }
 
