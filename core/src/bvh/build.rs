@@ -12,6 +12,8 @@ use crate::simd::Level;
 
 /// The most items of a leaf.
 const MAX_LEAF: usize = 8;
+/// More items have more nodes than a second-level cache holds.
+const MANY: usize = 1 << 16;
 /// Up to this many items one thread builds what is below a node.
 const ALONE: usize = 4096;
 /// Runs of more items are cut before it is known which node will have them: both halves at once.
@@ -45,10 +47,15 @@ struct Task<T: Coordinate> {
 }
 
 impl<'a> Builder<'a> {
-    /// See the fields. Tags from `first` on are of kind 0.
-    pub(crate) fn new(first: u32, hidden: &'a (dyn Fn(u32, u32) -> bool + Sync)) -> Self {
-        // Twice as wide registers make tests cheaper, but not the wait for a node's memory.
-        let step = if Level::best() == Level::Avx512 { 2.5 } else { 1.5 };
+    /// For `count` items; see the fields. Tags from `first` on are of kind 0.
+    pub(crate) fn new(first: u32, count: usize, hidden: &'a (dyn Fn(u32, u32) -> bool + Sync)) -> Self {
+        // Wider registers make tests cheaper, but not the wait for a node's memory, which is longer
+        // where nodes are many.
+        let step = match Level::best() {
+            Level::Avx512 if count > MANY => 4.5,
+            Level::Avx512 => 3.5,
+            _ => 1.5,
+        };
         Self { first, hidden, step }
     }
 

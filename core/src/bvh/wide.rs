@@ -21,6 +21,12 @@ pub(crate) enum Link {
     Leaf { kind: u8, start: usize, count: usize },
 }
 
+impl Default for Child {
+    fn default() -> Self {
+        Self::NOTHING
+    }
+}
+
 impl Child {
     pub(crate) const NOTHING: Self = Self(u32::MAX);
     /// Node 0.

@@ -1,9 +1,11 @@
 //! Vectors as arrays, of which the compiler makes AVX2.
+//!
+//! With loops, not `from_fn`: that is not surely compiled into the code of the level that calls it,
+//! and then for none.
 
-use std::array::from_fn;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Double, LANES, Mask, Octet, Simd, Single};
+use super::{Double, Floats, LANES, Mask, Octet, Simd, Single};
 use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +17,12 @@ impl Simd for Arrays {
     type Double = D8;
     #[inline(always)]
     fn narrow(low: D8, high: D8) -> S16 {
-        S16(from_fn(|k| if k < 8 { low.0[k] as f32 } else { high.0[k - 8] as f32 }))
+        let mut to = [0.0; LANES];
+        for k in 0..8 {
+            to[k] = low.0[k] as f32;
+            to[k + 8] = high.0[k] as f32;
+        }
+        S16(to)
     }
     #[inline(always)]
     fn equal(x: &[u32; LANES], y: u32) -> Mask {
@@ -65,18 +72,13 @@ macro_rules! lanewise {
 lanewise!(S16, Add, add, +=);
 lanewise!(S16, Sub, sub, -=);
 lanewise!(S16, Mul, mul, *=);
+lanewise!(S8, Add, add, +=);
+lanewise!(S8, Sub, sub, -=);
+lanewise!(S8, Mul, mul, *=);
 lanewise!(D8, Add, add, +=);
 lanewise!(D8, Sub, sub, -=);
 lanewise!(D8, Mul, mul, *=);
 lanewise!(D8, Div, div, /=);
-
-impl Neg for S16 {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(self.0.map(|x| -x))
-    }
-}
 
 impl Neg for D8 {
     type Output = Self;
@@ -119,28 +121,97 @@ fn packed<T: Copy + Default>(x: &[T; 8], mask: u8) -> [T; 8] {
 /// What `choose` leaves of sixteen, by halves as vectors do it.
 #[inline(always)]
 fn choose(x: [f32; LANES], choose: impl Fn(f32, f32) -> f32) -> f32 {
-    let eight: [f32; 8] = from_fn(|k| choose(x[k], x[k + 8]));
-    let four: [f32; 4] = from_fn(|k| choose(eight[k], eight[k + 4]));
+    let (mut eight, mut four) = ([0.0; 8], [0.0; 4]);
+    for k in 0..8 {
+        eight[k] = choose(x[k], x[k + 8]);
+    }
+    for k in 0..4 {
+        four[k] = choose(eight[k], eight[k + 4]);
+    }
     choose(choose(four[0], four[2]), choose(four[1], four[3]))
 }
 
 /// The greater in each lane; `b` where either is NaN.
 #[inline(always)]
-fn greater<T: Copy + PartialOrd, const N: usize>(a: [T; N], b: [T; N]) -> [T; N] {
-    from_fn(|k| if a[k] > b[k] { a[k] } else { b[k] })
+fn greater<T: Copy + PartialOrd, const N: usize>(mut a: [T; N], b: [T; N]) -> [T; N] {
+    for k in 0..N {
+        a[k] = if a[k] > b[k] { a[k] } else { b[k] };
+    }
+    a
 }
 
 /// The lesser in each lane; `b` where either is NaN.
 #[inline(always)]
-fn lesser<T: Copy + PartialOrd, const N: usize>(a: [T; N], b: [T; N]) -> [T; N] {
-    from_fn(|k| if a[k] < b[k] { a[k] } else { b[k] })
+fn lesser<T: Copy + PartialOrd, const N: usize>(mut a: [T; N], b: [T; N]) -> [T; N] {
+    for k in 0..N {
+        a[k] = if a[k] < b[k] { a[k] } else { b[k] };
+    }
+    a
 }
 
+macro_rules! floats {
+    ($type:ident, $lanes:expr, $mask:ty, $bits:ident) => {
+        impl Neg for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                Self(self.0.map(|x| -x))
+            }
+        }
+
+        impl Floats for $type {
+            type Mask = $mask;
+            #[inline(always)]
+            fn splat(x: f32) -> Self {
+                Self([x; $lanes])
+            }
+            #[inline(always)]
+            fn fma(self, b: Self, c: Self) -> Self {
+                self * b + c
+            }
+            #[inline(always)]
+            fn recip(self) -> Self {
+                Self(self.0.map(|x| 1.0 / x))
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                Self(self.0.map(f32::sqrt))
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                Self(self.0.map(f32::abs))
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                Self(greater(self.0, other.0))
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                Self(lesser(self.0, other.0))
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> $mask {
+                $bits(|k| self.0[k] < other.0[k])
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> $mask {
+                $bits(|k| self.0[k] <= other.0[k])
+            }
+            #[inline(always)]
+            fn select(mut self, mask: $mask, other: Self) -> Self {
+                for k in 0..$lanes {
+                    self.0[k] = if mask >> k & 1 == 1 { self.0[k] } else { other.0[k] };
+                }
+                self
+            }
+        }
+    };
+}
+
+floats!(S16, LANES, Mask, mask16);
+floats!(S8, 8, u8, mask8);
+
 impl Single for S16 {
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self([x; LANES])
-    }
     #[inline(always)]
     fn load(x: &[f32; LANES]) -> Self {
         Self(*x)
@@ -148,42 +219,6 @@ impl Single for S16 {
     #[inline(always)]
     fn store(self, to: &mut [f32; LANES]) {
         *to = self.0;
-    }
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        self * b + c
-    }
-    #[inline(always)]
-    fn recip(self) -> Self {
-        Self(self.0.map(|x| 1.0 / x))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0.map(f32::sqrt))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(self.0.map(f32::abs))
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(greater(self.0, other.0))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(lesser(self.0, other.0))
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> Mask {
-        mask16(|k| self.0[k] < other.0[k])
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> Mask {
-        mask16(|k| self.0[k] <= other.0[k])
-    }
-    #[inline(always)]
-    fn select(self, mask: Mask, other: Self) -> Self {
-        Self(from_fn(|k| if mask >> k & 1 == 1 { self.0[k] } else { other.0[k] }))
     }
     #[inline(always)]
     fn least(self) -> f32 {
@@ -197,32 +232,12 @@ impl Single for S16 {
 
 impl Octet for S8 {
     #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self([x; 8])
-    }
-    #[inline(always)]
     fn load(x: &[f32; 8]) -> Self {
         Self(*x)
     }
     #[inline(always)]
     fn store(self, to: &mut [f32; 8]) {
         *to = self.0;
-    }
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        Self(from_fn(|k| self.0[k] * b.0[k] + c.0[k]))
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(greater(self.0, other.0))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(lesser(self.0, other.0))
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> u8 {
-        mask8(|k| self.0[k] <= other.0[k])
     }
 }
 
@@ -249,8 +264,11 @@ impl Real for D8 {
         Self(lesser(self.0, other.0))
     }
     #[inline(always)]
-    fn if_positive(self, a: Self, b: Self) -> Self {
-        Self(from_fn(|k| if self.0[k] > 0.0 { a.0[k] } else { b.0[k] }))
+    fn if_positive(self, mut a: Self, b: Self) -> Self {
+        for k in 0..8 {
+            a.0[k] = if self.0[k] > 0.0 { a.0[k] } else { b.0[k] };
+        }
+        a
     }
 }
 

@@ -6,7 +6,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Double, LANES, Mask, Octet, Simd, Single};
+use super::{Double, Floats, LANES, Mask, Octet, Simd, Single};
 use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
@@ -74,19 +74,13 @@ macro_rules! binary {
 binary!(S16, Add, add, _mm512_add_ps);
 binary!(S16, Sub, sub, _mm512_sub_ps);
 binary!(S16, Mul, mul, _mm512_mul_ps);
+binary!(S8, Add, add, _mm256_add_ps);
+binary!(S8, Sub, sub, _mm256_sub_ps);
+binary!(S8, Mul, mul, _mm256_mul_ps);
 binary!(D8, Add, add, _mm512_add_pd);
 binary!(D8, Sub, sub, _mm512_sub_pd);
 binary!(D8, Mul, mul, _mm512_mul_pd);
 binary!(D8, Div, div, _mm512_div_pd);
-
-impl Neg for S16 {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_xor_ps(self.0, _mm512_set1_ps(-0.0)) })
-    }
-}
 
 impl Neg for D8 {
     type Output = Self;
@@ -97,66 +91,115 @@ impl Neg for D8 {
     }
 }
 
+macro_rules! floats {
+    (
+        $type:ident, $mask:ty, $set1:ident, $xor:ident, $fmadd:ident, $div:ident, $sqrt:ident, $andnot:ident,
+        $max:ident, $min:ident, $cmp:ident, $blend:ident
+    ) => {
+        impl Neg for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $xor(self.0, $set1(-0.0)) })
+            }
+        }
+
+        impl Floats for $type {
+            type Mask = $mask;
+            #[inline(always)]
+            fn splat(x: f32) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $set1(x) })
+            }
+            #[inline(always)]
+            fn fma(self, b: Self, c: Self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $fmadd(self.0, b.0, c.0) })
+            }
+            #[inline(always)]
+            fn recip(self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $div($set1(1.0), self.0) })
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $sqrt(self.0) })
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $andnot($set1(-0.0), self.0) })
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $max(self.0, other.0) })
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $min(self.0, other.0) })
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> $mask {
+                // SAFETY: the processor has AVX-512, see the module.
+                unsafe { $cmp::<_CMP_LT_OQ>(self.0, other.0) }
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> $mask {
+                // SAFETY: the processor has AVX-512, see the module.
+                unsafe { $cmp::<_CMP_LE_OQ>(self.0, other.0) }
+            }
+            #[inline(always)]
+            fn select(self, mask: $mask, other: Self) -> Self {
+                // SAFETY: the processor has AVX-512, see the module.
+                Self(unsafe { $blend(mask, other.0, self.0) })
+            }
+        }
+    };
+}
+
+floats!(
+    S16,
+    Mask,
+    _mm512_set1_ps,
+    _mm512_xor_ps,
+    _mm512_fmadd_ps,
+    _mm512_div_ps,
+    _mm512_sqrt_ps,
+    _mm512_andnot_ps,
+    _mm512_max_ps,
+    _mm512_min_ps,
+    _mm512_cmp_ps_mask,
+    _mm512_mask_blend_ps
+);
+floats!(
+    S8,
+    u8,
+    _mm256_set1_ps,
+    _mm256_xor_ps,
+    _mm256_fmadd_ps,
+    _mm256_div_ps,
+    _mm256_sqrt_ps,
+    _mm256_andnot_ps,
+    _mm256_max_ps,
+    _mm256_min_ps,
+    _mm256_cmp_ps_mask,
+    _mm256_mask_blend_ps
+);
+
 impl Single for S16 {
     #[inline(always)]
-    fn splat(x: f32) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_set1_ps(x) })
-    }
-    #[inline(always)]
     fn load(x: &[f32; LANES]) -> Self {
-        // SAFETY: as above; the array holds sixteen f32.
+        // SAFETY: the processor has AVX-512, see the module; the array holds sixteen f32.
         Self(unsafe { _mm512_loadu_ps(x.as_ptr()) })
     }
     #[inline(always)]
     fn store(self, to: &mut [f32; LANES]) {
         // SAFETY: as above; the array has room for sixteen f32.
         unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
-    }
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_fmadd_ps(self.0, b.0, c.0) })
-    }
-    #[inline(always)]
-    fn recip(self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_div_ps(_mm512_set1_ps(1.0), self.0) })
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_sqrt_ps(self.0) })
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_abs_ps(self.0) })
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_max_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_min_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> Mask {
-        // SAFETY: the processor has AVX-512, see the module.
-        unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0) }
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> Mask {
-        // SAFETY: the processor has AVX-512, see the module.
-        unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
-    }
-    #[inline(always)]
-    fn select(self, mask: Mask, other: Self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm512_mask_blend_ps(mask, other.0, self.0) })
     }
     #[inline(always)]
     fn least(self) -> f32 {
@@ -172,39 +215,14 @@ impl Single for S16 {
 
 impl Octet for S8 {
     #[inline(always)]
-    fn splat(x: f32) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm256_set1_ps(x) })
-    }
-    #[inline(always)]
     fn load(x: &[f32; 8]) -> Self {
-        // SAFETY: as above; the array holds eight f32.
+        // SAFETY: the processor has AVX-512, see the module; the array holds eight f32.
         Self(unsafe { _mm256_loadu_ps(x.as_ptr()) })
     }
     #[inline(always)]
     fn store(self, to: &mut [f32; 8]) {
         // SAFETY: as above; the array has room for eight f32.
         unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
-    }
-    #[inline(always)]
-    fn fma(self, b: Self, c: Self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm256_fmadd_ps(self.0, b.0, c.0) })
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm256_max_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        // SAFETY: the processor has AVX-512, see the module.
-        Self(unsafe { _mm256_min_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> u8 {
-        // SAFETY: the processor has AVX-512, see the module.
-        unsafe { _mm256_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
     }
 }
 

@@ -12,11 +12,13 @@ mod arrays;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod pages;
+mod rows;
 
-use std::ops::{Add, Mul, Neg, Sub};
+use std::ops::{Add, BitAnd, BitOr, Mul, Neg, Not, Sub};
 use std::sync::OnceLock;
 
 pub(crate) use pages::roomy;
+pub(crate) use rows::{MOST, Rows};
 
 use crate::geometry::Real;
 
@@ -26,13 +28,18 @@ pub(crate) const LANES: usize = 16;
 /// A set of lanes, bit k for lane k.
 pub(crate) type Mask = u16;
 
-/// Sixteen f32.
-pub(crate) trait Single:
+/// Lanes of f32.
+pub(crate) trait Floats:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
+    /// A bit for each lane.
+    type Mask: Copy
+        + Eq
+        + From<u8>
+        + BitAnd<Output = Self::Mask>
+        + BitOr<Output = Self::Mask>
+        + Not<Output = Self::Mask>;
     fn splat(x: f32) -> Self;
-    fn load(x: &[f32; LANES]) -> Self;
-    fn store(self, to: &mut [f32; LANES]);
     /// self · b + c, with one rounding or two.
     fn fma(self, b: Self, c: Self) -> Self;
     /// 1 / self, rounded.
@@ -44,30 +51,27 @@ pub(crate) trait Single:
     /// The lesser; `other` where either is NaN.
     fn min(self, other: Self) -> Self;
     /// Lanes where self < other; not where either is NaN.
-    fn lt(self, other: Self) -> Mask;
+    fn lt(self, other: Self) -> Self::Mask;
     /// Lanes where self ≤ other; not where either is NaN.
-    fn le(self, other: Self) -> Mask;
+    fn le(self, other: Self) -> Self::Mask;
     /// `self` in the lanes of `mask`, `other` elsewhere.
-    fn select(self, mask: Mask, other: Self) -> Self;
+    fn select(self, mask: Self::Mask, other: Self) -> Self;
+}
+
+/// Sixteen f32: the rays of a packet before one box or object.
+pub(crate) trait Single: Floats<Mask = Mask> {
+    fn load(x: &[f32; LANES]) -> Self;
+    fn store(self, to: &mut [f32; LANES]);
     /// The least lane; no lane may be NaN.
     fn least(self) -> f32;
     /// The greatest lane; no lane may be NaN.
     fn greatest(self) -> f32;
 }
 
-/// Eight f32: the boxes of a node before one ray.
-pub(crate) trait Octet: Copy {
-    fn splat(x: f32) -> Self;
+/// Eight f32: the boxes of a node or the objects of a leaf before one ray.
+pub(crate) trait Octet: Floats<Mask = u8> {
     fn load(x: &[f32; 8]) -> Self;
     fn store(self, to: &mut [f32; 8]);
-    /// self · b + c, with one rounding or two.
-    fn fma(self, b: Self, c: Self) -> Self;
-    /// The greater; `other` where either is NaN.
-    fn max(self, other: Self) -> Self;
-    /// The lesser; `other` where either is NaN.
-    fn min(self, other: Self) -> Self;
-    /// Lanes where self ≤ other; not where either is NaN.
-    fn le(self, other: Self) -> u8;
 }
 
 /// Eight f64.
@@ -144,7 +148,9 @@ pub(crate) fn prefetch<T>(of: &[T], start: usize, count: usize) {
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let first = of.as_ptr().wrapping_add(start).cast::<i8>();
-        for at in (0..count * size_of::<T>()).step_by(64) {
+        // Where lines may begin within elements, the last byte's line is one more.
+        let bytes = count * size_of::<T>() + if align_of::<T>() < 64 { first.addr() % 64 } else { 0 };
+        for at in (0..bytes).step_by(64) {
             // SAFETY: a prefetch has no effect on any value and faults nowhere.
             unsafe { _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(at)) };
         }

@@ -72,7 +72,7 @@ impl PreparedScene {
                     &scene.triangles()[(b - first_triangle) as usize],
                 )
         };
-        let builder = Builder::new(first_triangle, &hidden);
+        let builder = Builder::new(first_triangle, singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
             Boxes::Double(hierarchy(items::<f64>(scene, local, &|_| ()).0, &builder))

@@ -2,7 +2,7 @@
 
 use super::meet::Rays;
 use crate::bvh::Node;
-use crate::simd::{Mask, Octet, Simd, Single};
+use crate::simd::{Floats, Mask, Octet, Simd, Single};
 
 /// Hierarchies of so few nodes are walked before a beam has paid for itself.
 pub(super) const LEAST_NODES: usize = 8;
@@ -41,8 +41,8 @@ impl Beam {
             beam.flip[k] = flip;
             let (inf, inv) = (s(f32::INFINITY), rays.inv[k]);
             let (i0, i1) = (inv.select(active, inf).least(), inv.select(active, -inf).greatest());
-            let upper = (rays.o[k] + rays.pad).select(active, -inf).greatest();
-            let lower = (rays.o[k] - rays.pad).select(active, inf).least();
+            let upper = (rays.ray.o[k] + rays.pad).select(active, -inf).greatest();
+            let lower = (rays.ray.o[k] - rays.pad).select(active, inf).least();
             let (enter, leave) = if flip { (lower, upper) } else { (upper, lower) };
             beam.axes[k] = [i0, i1, -(enter * i0), -(enter * i1), -(leave * i0), -(leave * i1)];
         }
@@ -55,7 +55,9 @@ impl Beam {
         let s = S::Octet::splat;
         let (mut near, mut far) = (s(0.0), s(far));
         for k in 0..3 {
-            let [i0, i1, e0, e1, l0, l1] = self.axes[k].map(s);
+            // One by one: what a closure does is not surely compiled for the level's instructions.
+            let [i0, i1, e0, e1, l0, l1] = self.axes[k];
+            let (i0, i1, e0, e1, l0, l1) = (s(i0), s(i1), s(e0), s(e1), s(l0), s(l1));
             let (lo, hi) = (&node.lo[k], &node.hi[k]);
             let (enter, leave) = if self.flip[k] { (hi, lo) } else { (lo, hi) };
             let (enter, leave) = (S::Octet::load(enter), S::Octet::load(leave));

@@ -11,13 +11,16 @@
 //!
 //! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
 
+mod alone;
 mod beam;
+mod leaf;
 mod meet;
 mod walk;
 
 use super::filter::Filter;
 use crate::bvh::Wide;
-use crate::simd::{LANES, Mask, Simd, Single};
+use crate::simd::{Floats, LANES, Mask, Simd, Single};
+pub(crate) use leaf::Leaves;
 use meet::Meeting;
 use walk::{Stacks, walk};
 
@@ -104,7 +107,7 @@ pub(crate) fn lanes(mut mask: Mask) -> impl Iterator<Item = usize> {
 trait Visit<S: Simd> {
     fn bound(&self) -> S::Single;
     fn active(&self) -> Mask;
-    fn visit(&mut self, id: u32, m: Meeting<S>, walk: &mut Vec<Doubt>);
+    fn visit(&mut self, id: u32, m: Meeting<S::Single>, walk: &mut Vec<Doubt>);
 }
 
 struct Nearest<S: Simd> {
@@ -124,7 +127,7 @@ impl<S: Simd> Visit<S> for Nearest<S> {
         self.active
     }
     #[inline(always)]
-    fn visit(&mut self, id: u32, m: Meeting<S>, doubts: &mut Vec<Doubt>) {
+    fn visit(&mut self, id: u32, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
         let may = m.may & !self.hi.lt(m.lo);
         if may == 0 {
             return;
@@ -173,7 +176,7 @@ impl<S: Simd> Visit<S> for Blocked<S> {
         self.active
     }
     #[inline(always)]
-    fn visit(&mut self, id: u32, m: Meeting<S>, doubts: &mut Vec<Doubt>) {
+    fn visit(&mut self, id: u32, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
         let may = m.may & self.active & !self.one.lt(m.lo);
         if may == 0 {
             return;

@@ -1,20 +1,35 @@
 //! The way of a packet down the hierarchy.
 //!
 //! Rays that stay together are tested against one box after another, sixteen rays at a time.
-//! Where few of them are left, each goes on alone, against eight boxes at a time (Benthin,
+//! Where few of them are left, each goes on [alone](super::alone), against eight boxes at a time (Benthin,
 //! Wald, Woop, Ernst, *Combining single and packet-ray tracing for arbitrary ray
 //! distributions on the Intel MIC architecture*, TVCG 18(9), 2012). What will be visited is
 //! asked of memory when it is found, long before it is needed.
 
+use super::alone::Alone;
 use super::beam::{Beam, LEAST_NODES};
-use super::meet::{Rays, meet_plane, meet_sphere, meet_triangle};
-use super::{Doubt, INSIDE, Packet, Visit, lanes};
-use crate::bvh::{Child, Link, Node, WIDTH, Wide};
-use crate::simd::{LANES, Mask, Octet, Simd, Single, prefetch};
+use super::meet::{Apart, Rays, Sphere, Triangle, meet_plane, meet_sphere, meet_triangle};
+use super::{Doubt, INSIDE, Packet, Visit};
+use crate::bvh::{Child, Coordinate, Link, Node, WIDTH, Wide};
+use crate::simd::{Floats, LANES, Mask, Simd, Single, prefetch};
 use crate::trace::filter::Filter;
 
-/// Up to so many rays go on alone.
-const ALONE: u32 = 2;
+/// Up to so many rays go on alone at a node, and at a leaf of more objects than that.
+///
+/// Rays that are alone wait less for memory. Where objects are many, they are also as small as what
+/// lies between rays, which then have little more in common.
+#[derive(Clone, Copy)]
+struct Few {
+    inner: u32,
+    leaf: u32,
+}
+
+impl Few {
+    fn of(wide: &Wide<f32>) -> Self {
+        // So many nodes fill a second-level cache.
+        if wide.nodes.len() > 4096 { Self { inner: 6, leaf: 2 } } else { Self { inner: 2, leaf: 0 } }
+    }
+}
 
 #[derive(Clone, Copy)]
 #[repr(align(64))]
@@ -26,39 +41,32 @@ struct Entry {
 
 const EMPTY: Entry = Entry { near: [0.0; LANES], link: Child::NOTHING, mask: 0 };
 
-/// What is still to be visited: by the packet, and by the one ray that left it.
+/// What is still to be visited: by the packet, and by rays that left it.
 pub(super) struct Stacks {
     packet: Vec<Entry>,
-    alone: Vec<(f32, Child)>,
-    /// 1/d, and −(o ± pad)/d for lower and upper ends of boxes; of a packet that a ray has left.
-    single: Box<[[[f32; LANES]; 3]; 3]>,
+    alone: Box<Alone>,
+    apart: Box<Apart>,
 }
 
 impl Default for Stacks {
     fn default() -> Self {
-        Self {
-            packet: vec![EMPTY; 64 * WIDTH],
-            alone: vec![(0.0, Child::NOTHING); 64 * WIDTH],
-            single: Box::new([[[0.0; LANES]; 3]; 3]),
-        }
+        Self { packet: vec![EMPTY; 64 * WIDTH], alone: Box::default(), apart: Box::default() }
     }
 }
 
 /// The scene and the packet's rays, as every step needs them.
-struct Journey<'a, S: Simd> {
-    filter: &'a Filter,
-    wide: &'a Wide<f32>,
-    packet: &'a Packet,
-    rays: Rays<S>,
+pub(super) struct Journey<'a, S: Simd> {
+    pub(super) filter: &'a Filter,
+    pub(super) wide: &'a Wide<f32>,
+    pub(super) packet: &'a Packet,
+    pub(super) rays: Rays<S>,
     /// What all rays have in common; only in hierarchies where that pays.
     beam: Option<Beam>,
     /// −(o ± pad)/d where boxes are entered and left, if rays have one sign on each axis.
     ends: [[S::Single; 3]; 2],
     /// No ray goes farther.
     far: f32,
-    single: &'a mut [[[f32; LANES]; 3]; 3],
-    /// Whether `single` is this packet's.
-    filled: bool,
+    pub(super) apart: &'a mut Apart,
 }
 
 #[inline(always)]
@@ -75,7 +83,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
         let ed = S::Single::load(&packet.ed);
         for (k, plane) in filter.planes.iter().enumerate() {
             let mask = visitor.active() & !S::equal(&packet.own, k as u32);
-            let m = meet_plane(&rays, plane, ed, mask);
+            let m = meet_plane(&rays.ray, plane, ed, mask);
             if m.may != 0 {
                 visitor.visit(k as u32, m, doubts);
             }
@@ -85,28 +93,40 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
         return;
     }
     let mut journey =
-        Journey::<S>::new((filter, wide, packet), rays, &mut stacks.single, visitor.active(), visitor.bound());
+        Journey::<S>::new((filter, wide, packet), rays, &mut stacks.apart, visitor.active(), visitor.bound());
     let mut top = 1;
     stacks.packet[0] = Entry { near: [0.0; LANES], link: Child::ROOT, mask: visitor.active() };
-    while top > 0 {
-        top -= 1;
-        let entry = &stacks.packet[top];
-        let near = S::Single::load(&entry.near);
-        let mask = entry.mask & visitor.active() & near.le(visitor.bound());
-        if mask == 0 {
-            continue;
-        }
-        match entry.link.link() {
-            Link::Nothing => {}
-            Link::Inner(index) if mask.count_ones() <= ALONE => {
-                for lane in lanes(mask) {
-                    journey.alone(lane, index, visitor, &mut stacks.alone, doubts);
-                }
-                if visitor.active() == 0 {
-                    return;
-                }
-                journey.shorten(visitor.bound());
+    let (alone, few) = (&mut *stacks.alone, Few::of(wide));
+    loop {
+        let mut mask = 0;
+        if top > 0 {
+            top -= 1;
+            let entry = &stacks.packet[top];
+            mask = entry.mask & visitor.active() & S::Single::load(&entry.near).le(visitor.bound());
+            if mask == 0 {
+                continue;
             }
+        }
+        // Those that are alone go first where they are met again: they may need no more.
+        if alone.lanes != 0 && (mask & alone.lanes != 0 || mask == 0) {
+            journey.alone(alone, visitor, doubts);
+            if visitor.active() == 0 {
+                return;
+            }
+            journey.shorten(visitor.bound());
+            if mask != 0 {
+                top += 1;
+                continue;
+            }
+        }
+        if mask == 0 {
+            return;
+        }
+        let link = stacks.packet[top].link;
+        match link.link() {
+            Link::Nothing => {}
+            Link::Inner(_) if mask.count_ones() <= few.inner => alone.leave(mask, link),
+            Link::Leaf { count, .. } if mask.count_ones() <= few.leaf.min(count as u32 - 1) => alone.leave(mask, link),
             Link::Inner(index) => top = journey.open(index, mask, visitor.bound(), &mut stacks.packet, top),
             Link::Leaf { kind, start, count } => {
                 journey.leaf(kind, start, count, mask, visitor, doubts);
@@ -124,7 +144,7 @@ impl<'a, S: Simd> Journey<'a, S> {
     fn new(
         (filter, wide, packet): (&'a Filter, &'a Wide<f32>, &'a Packet),
         rays: Rays<S>,
-        single: &'a mut [[[f32; LANES]; 3]; 3],
+        apart: &'a mut Apart,
         active: Mask,
         bound: S::Single,
     ) -> Self {
@@ -137,7 +157,8 @@ impl<'a, S: Simd> Journey<'a, S> {
                 }
             }
         }
-        let mut journey = Self { filter, wide, packet, rays, beam, ends, far: f32::INFINITY, single, filled: false };
+        apart.forget();
+        let mut journey = Self { filter, wide, packet, rays, beam, ends, far: f32::INFINITY, apart };
         journey.shorten(bound);
         journey
     }
@@ -228,111 +249,13 @@ impl<'a, S: Simd> Journey<'a, S> {
 
     /// Asks memory for what `child` names.
     #[inline(always)]
-    fn expect(&self, child: Child) {
+    pub(super) fn expect(&self, child: Child) {
         match child.link() {
             Link::Inner(index) => prefetch(&self.wide.nodes, index, 1),
-            Link::Leaf { kind: 0, start, count } => prefetch(&self.filter.triangles, start, count),
-            Link::Leaf { start, count, .. } => prefetch(&self.filter.spheres, start, count),
+            Link::Leaf { kind: 0, start, count } => self.filter.triangles.expect(start, count),
+            Link::Leaf { start, count, .. } => self.filter.spheres.expect(start, count),
             Link::Nothing => {}
         }
-    }
-
-    /// Takes the ray of one lane through all that is below node `index`.
-    #[inline(always)]
-    fn alone<V: Visit<S>>(
-        &mut self,
-        lane: usize,
-        index: usize,
-        visitor: &mut V,
-        stack: &mut Vec<(f32, Child)>,
-        doubts: &mut Vec<Doubt>,
-    ) {
-        if !self.filled {
-            self.filled = true;
-            for k in 0..3 {
-                self.rays.inv[k].store(&mut self.single[0][k]);
-                self.rays.low[k].store(&mut self.single[1][k]);
-                self.rays.high[k].store(&mut self.single[2][k]);
-            }
-        }
-        let lane = lane & (LANES - 1);
-        let one = |a: &[[f32; LANES]; 3]| [a[0][lane], a[1][lane], a[2][lane]];
-        let (inv, low, high) = (one(&self.single[0]), one(&self.single[1]), one(&self.single[2]));
-        let splat = S::Octet::splat;
-        let inv8 = [splat(inv[0]), splat(inv[1]), splat(inv[2])];
-        let low8 = [splat(low[0]), splat(low[1]), splat(low[2])];
-        let high8 = [splat(high[0]), splat(high[1]), splat(high[2])];
-        let zero = splat(0.0);
-        let mut bound = Self::of(visitor.bound(), lane);
-        let mut at = Child::inner(index);
-        let mut top = 0;
-        loop {
-            match at.link() {
-                Link::Nothing => {}
-                Link::Inner(index) => {
-                    let node = &self.wide.nodes[index];
-                    let (mut near, mut far) = (zero, splat(bound));
-                    for k in 0..3 {
-                        // Entered at the lower end and left at the upper, or the reverse.
-                        let a = S::Octet::load(&node.lo[k]).fma(inv8[k], low8[k]);
-                        let b = S::Octet::load(&node.hi[k]).fma(inv8[k], high8[k]);
-                        let (enter, leave) = if inv[k] >= 0.0 { (a, b) } else { (b, a) };
-                        near = near.max(enter);
-                        far = far.min(leave);
-                    }
-                    let mut hit = near.le(far);
-                    if hit != 0 {
-                        if top + WIDTH > stack.len() {
-                            stack.resize(stack.len() * 2, (0.0, Child::NOTHING));
-                        }
-                        let mut enters = [0.0; WIDTH];
-                        near.store(&mut enters);
-                        // The nearest is kept in hand, the others pushed.
-                        let mut slot = hit.trailing_zeros() as usize & (WIDTH - 1);
-                        hit &= hit - 1;
-                        let mut best = (enters[slot], node.child[slot]);
-                        self.expect(best.1);
-                        while hit != 0 {
-                            slot = hit.trailing_zeros() as usize & (WIDTH - 1);
-                            hit &= hit - 1;
-                            let mut other = (enters[slot], node.child[slot]);
-                            self.expect(other.1);
-                            if other.0 < best.0 {
-                                std::mem::swap(&mut other, &mut best);
-                            }
-                            stack[top] = other;
-                            top += 1;
-                        }
-                        at = best.1;
-                        continue;
-                    }
-                }
-                Link::Leaf { kind, start, count } => {
-                    self.leaf(kind, start, count, 1 << lane, visitor, doubts);
-                    if visitor.active() >> lane & 1 == 0 {
-                        return;
-                    }
-                    bound = Self::of(visitor.bound(), lane);
-                }
-            }
-            loop {
-                if top == 0 {
-                    return;
-                }
-                top -= 1;
-                if stack[top].0 <= bound {
-                    break;
-                }
-            }
-            at = stack[top].1;
-        }
-    }
-
-    #[inline(always)]
-    fn of(x: S::Single, lane: usize) -> f32 {
-        let mut all = [0.0; LANES];
-        x.store(&mut all);
-        all[lane]
     }
 
     /// Shows the visitor what rays of `mask` meet in a leaf.
@@ -347,28 +270,32 @@ impl<'a, S: Simd> Journey<'a, S> {
         doubts: &mut Vec<Doubt>,
     ) {
         if kind == 0 {
-            for t in &self.filter.triangles[start..start + count] {
-                let mask = mask & !S::equal(&self.packet.own, t.id);
-                let m = meet_triangle(&self.rays, t, mask);
+            let leaf = self.filter.triangles.leaf(start, count).spread();
+            for i in 0..count {
+                let id = leaf[leaf.len() - 1][i % WIDTH].tag();
+                let mask = mask & !S::equal(&self.packet.own, id);
+                let m = meet_triangle(&self.rays.ray, &Triangle::one(&leaf, i), mask);
                 if m.may != 0 {
-                    visitor.visit(t.id, m, doubts);
+                    visitor.visit(id, m, doubts);
                 }
             }
             return;
         }
-        for sphere in &self.filter.spheres[start..start + count] {
+        let leaf = self.filter.spheres.leaf(start, count).spread();
+        for i in 0..count {
             // A ray does not meet the sphere it left outward.
-            let outside = S::equal(&self.packet.own, sphere.id);
-            let within = S::equal(&self.packet.own, sphere.id | INSIDE);
+            let id = leaf[leaf.len() - 1][i % WIDTH].tag();
+            let outside = S::equal(&self.packet.own, id);
+            let within = S::equal(&self.packet.own, id | INSIDE);
             let mask = mask & !outside;
-            let mut m = meet_sphere(&self.rays, sphere, mask);
+            let mut m = meet_sphere(&self.rays.ray, &Sphere::one(&leaf, i), mask);
             if within & mask != 0 {
                 m.may |= within & mask;
                 m.sure &= !within;
                 m.lo = S::Single::splat(0.0).select(within, m.lo);
             }
             if m.may != 0 {
-                visitor.visit(sphere.id, m, doubts);
+                visitor.visit(id, m, doubts);
             }
         }
     }

@@ -4,7 +4,7 @@ use super::lanes::{Places, Rays, eight_at, store};
 use super::paths::Paths;
 use super::{FAR, Stage};
 use crate::geometry::{Ray, V3};
-use crate::simd::{Double, LANES, Mask, Simd, Single, prefetch};
+use crate::simd::{Double, Floats, LANES, Mask, Simd, Single, prefetch};
 use crate::trace::camera::{self, PlanePoint};
 use crate::trace::packet::{self, INSIDE, NONE, Packet, U32, Walk};
 

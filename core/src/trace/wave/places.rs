@@ -244,7 +244,10 @@ impl Stage<'_> {
             }
             let to = next.count;
             let o = super::lanes::load3::<S>(&places.p, at);
-            for (v, x) in next.o.iter_mut().zip([o.x, o.y, o.z]).chain(next.d.iter_mut().zip([d.x, d.y, d.z])) {
+            for (v, x) in next.o.iter_mut().zip([o.x, o.y, o.z]) {
+                x.compress(goes_on).store(eight_at_mut(v, to));
+            }
+            for (v, x) in next.d.iter_mut().zip([d.x, d.y, d.z]) {
                 x.compress(goes_on).store(eight_at_mut(v, to));
             }
             load::<S>(&places.ep, at).compress(goes_on).store(eight_at_mut(&mut next.eo, to));
