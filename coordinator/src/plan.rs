@@ -134,8 +134,8 @@ impl Plan {
 
     fn towards(&mut self, error: f64, outcome: &Outcome) -> Option<Step> {
         let got = outcome.error.rmse();
-        let doubt = self.doubt(outcome);
-        let aim = if self.whole == 0 { (1.0 - SURE - doubt).max(LEAST_AIM) * error } else { AIM * error };
+        let share = if self.whole == 0 { (1.0 - SURE - self.doubt(outcome)).max(LEAST_AIM) } else { AIM };
+        let aim = share * error;
         let ratio = if got > 0.0 { (aim / got).clamp(0.02, 50.0) } else { 50.0 };
         let better = |power: f64, t: Tolerance| Tolerance::new(t.fraction() * libm::pow(ratio, power));
         if self.whole == 0 {

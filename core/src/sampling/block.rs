@@ -272,7 +272,7 @@ impl Block<'_> {
         }
         if work.views.len() == 4
             && work.hidden <= self.limit(0, work.all_rays()).max(CLEAN * work.jump())
-            && work.gaps.iter().sum::<f64>() <= self.limit(0, work.all_rays())
+            && work.all_gaps() <= self.limit(0, work.all_rays())
             && work.slope <= self.limit(0, work.all_rays())
             && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
             && let Some(look) = own.single(&mut self.lights)
@@ -286,16 +286,16 @@ impl Block<'_> {
 
     /// Looks at what differs, from now on; at everything where that is not much dearer.
     fn look_at_what_differs(&mut self, work: &mut Work, around: &[&Seen]) {
+        let all = self.all_rays(work);
         if work.crowded || work.mirrored_gaps || work.views.iter().any(|v| v.seen.pictured) {
-            self.look_at_all(work);
+            self.look_at_all(work, all);
             return;
         }
         let mut difference = Difference::new(&work.views, around, &self.corners.records, &self.extra);
         difference.watch(&work.edges);
         work.rays = difference.rays(&work.views, &self.corners.records);
-        let all = Difference::everything(self.corners.records.words()).rays(&work.views, &self.corners.records);
         if work.rays.iter().sum::<f64>() > SAVING * all.iter().sum::<f64>() {
-            self.look_at_all(work);
+            self.look_at_all(work, all);
             return;
         }
         work.look = difference.look(&mut self.lights);
@@ -305,16 +305,20 @@ impl Block<'_> {
         work.still = work.spread_of(|v| v.seen.value - v.open());
         if work.still > self.limit(0, work.all_rays()) {
             // Smooth as the rest may be, it is not flat.
-            self.look_at_all(work);
+            self.look_at_all(work, all);
         }
     }
 
-    /// Looks at everything, from now on.
-    pub(super) fn look_at_all(&self, work: &mut Work) {
-        let all = Difference::everything(self.corners.records.words());
+    /// Rays of a look at everything, by tiers.
+    pub(super) fn all_rays(&self, work: &Work) -> [f64; TIERS] {
+        Difference::everything(self.corners.records.words()).rays(&work.views, &self.corners.records)
+    }
+
+    /// Looks at everything, for so many rays, from now on.
+    pub(super) fn look_at_all(&self, work: &mut Work, rays: [f64; TIERS]) {
         work.look = Look::ALL;
-        (work.hash, work.base, work.still, work.strata) = (0, DVec3::ZERO, 0.0, None);
-        work.rays = all.rays(&work.views, &self.corners.records);
+        (work.hash, work.base, work.still, work.strata, work.rays) = (0, DVec3::ZERO, 0.0, None, rays);
+        let all = Difference::everything(self.corners.records.words());
         all.open(&mut work.views, &self.corners.records, &self.extra, self.tracer);
     }
 

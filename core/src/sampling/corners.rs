@@ -238,8 +238,7 @@ impl Corners {
     /// About how many rays a path takes.
     pub(crate) fn rays(&self, s: &Seen) -> f64 {
         let meetings = self.records.path(s.path as usize);
-        let lit = |i| self.records.lights(i).iter().map(|w| w.count_ones()).sum::<u32>();
-        f64::from(meetings.map(|(i, _)| 1 + lit(i)).sum::<u32>().max(1))
+        f64::from(meetings.map(|(i, _)| 1 + self.records.lights_seen(i)).sum::<u32>().max(1))
     }
 
     /// The value of a pixel all whose corners show the same, and the variance of its error.

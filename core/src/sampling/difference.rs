@@ -161,7 +161,7 @@ impl Difference {
             for (depth, (i, _)) in (1..).zip(corners.path(view.seen.path as usize)) {
                 let tier = &mut rays[look.tier(depth)];
                 if depth >= self.from {
-                    *tier += 1 + corners.lights(i).iter().map(|w| w.count_ones()).sum::<u32>();
+                    *tier += 1 + corners.lights_seen(i);
                 } else if depth <= self.last {
                     let at = (depth as usize - 1) * corners.words();
                     *tier += 1 + self.lights[at..at + corners.words()].iter().map(|w| w.count_ones()).sum::<u32>();

@@ -51,7 +51,7 @@ impl Block<'_> {
     /// Goes on with a pixel. Whether it is settled.
     pub(super) fn advance(&mut self, work: &mut Work) -> bool {
         // Every look that agrees makes it less likely that more hides.
-        let (hidden, gaps) = (work.hidden, work.gaps.iter().sum::<f64>());
+        let (hidden, gaps) = (work.hidden, work.all_gaps());
         // An edge is looked at, and not what other lights may do beside it.
         let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5) + gaps;
         let How::Fit { fit, look, keys, sides, asked, trial } = &mut work.how else { return self.grow(work) };
@@ -62,12 +62,10 @@ impl Block<'_> {
             let seen = self.probes[start..start + count].iter().map(Key::from);
             let like: Option<Vec<bool>> = seen.map(|k| (keys.contains(&k)).then_some(k == keys[0])).collect();
             let sides = [&found[0], &found[1]];
-            fits =
-                like.is_some_and(
-                    |like| {
-                        if let Some(expected) = trial { like == *expected } else { fit.learn(&like, sides) }
-                    },
-                );
+            fits = like.is_some_and(|like| match trial {
+                Some(expected) => like == *expected,
+                None => fit.learn(&like, sides),
+            });
         }
         while fits {
             let samples = fit.samples + trial.as_ref().map_or(0, Vec::len) as u32;
@@ -174,7 +172,7 @@ impl Block<'_> {
         }
         if astray {
             // Something was met that no corner shows: nothing is known to be the same everywhere.
-            self.look_at_all(work);
+            self.look_at_all(work, self.all_rays(work));
             work.how = How::Closed;
             self.spread(work, powers);
             return false;

@@ -176,9 +176,14 @@ impl Work {
         self.rays.iter().sum::<f64>().max(1.0)
     }
 
+    /// Variance of what light may pass between shadows.
+    pub(super) fn all_gaps(&self) -> f64 {
+        self.gaps.iter().sum()
+    }
+
     /// Variance of what no point shows yet.
     pub(super) fn unseen(&self) -> f64 {
-        self.hidden + self.gaps.iter().sum::<f64>()
+        self.hidden + self.all_gaps()
     }
 
     /// Variance of what so many points of each tier did not show.

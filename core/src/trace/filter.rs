@@ -1,7 +1,7 @@
 //! The scene in f32, for the packets that sort out what need not be looked at in f64.
 //!
-//! Rounding to f32 is covered by the
-//! bounds of `trace::packet`, which hold for values within 2⁻²⁴ of local space.
+//! Rounding to f32 is covered by the bounds of `trace::packet`, which hold for values within 2⁻²⁴ of
+//! local space.
 
 use super::packet::Leaves;
 use crate::bvh::{Boxes, Coordinate};

@@ -395,8 +395,7 @@ impl Tracer {
         scratch: &mut WaveScratch,
         counts: &mut RayCounts,
     ) {
-        let end = if tier + 1 == TIERS { u32::MAX } else { tier as u32 + 1 };
-        let max_depth = self.settings.max_depth.min(end);
+        let max_depth = self.settings.max_depth.min(Look::ALL.up_to(tier).until);
         let mut out = [Sample::BLANK; wave::PATHS];
         found.fill(Tiers::default());
         for (points, found) in points.chunks(wave::PATHS).zip(found.chunks_mut(wave::PATHS)) {

@@ -171,6 +171,11 @@ impl Records {
         &self.lit[meeting * self.words..(meeting + 1) * self.words]
     }
 
+    /// How many lights are seen from a meeting.
+    pub(crate) fn lights_seen(&self, meeting: usize) -> u32 {
+        self.lights(meeting).iter().map(|word| word.count_ones()).sum()
+    }
+
     /// Of every light, the object that blocks it first at a meeting, [`NONE`] where none does; empty
     /// where lights are too many.
     pub(crate) fn blockers(&self, meeting: usize) -> &[u32] {
