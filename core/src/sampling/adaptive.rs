@@ -11,8 +11,8 @@
 //! - [`super::difference`]: of what the corners see, that which differs and is worth a look.
 //! - [`super::shape`], [`super::strata`]: exact areas of objects seen directly.
 //! - [`super::fit`]: single edges, by bisection.
-//! - [`super::net`], [`super::points`]: all else, by points spread evenly, whose differences tell their error.
-//! - [`super::tiers`]: how many of them are followed how far.
+//! - [`super::cells`], [`super::estimate`], [`super::cuts`]: all else, by cells that are halved where their corners
+//!   differ; what these tell, and which of them are cut.
 //! - [`super::block`], [`super::rounds`], [`super::work`]: which of these a pixel takes, and when it
 //!   is done.
 //!

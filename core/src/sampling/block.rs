@@ -2,25 +2,25 @@
 //!
 //! Pixels whose corners differ are cut into the parts that objects' outlines leave (see
 //! [`super::strata`]). What is not known then is looked at: a single edge by its crossings
-//! (see [`super::fit`]), everything else by points spread over the pixel (see [`super::net`]),
+//! (see [`super::fit`]), everything else by cells (see [`super::cells`]),
 //! and of the paths only that which differs between corners. All that the block's pixels want is
 //! traced together, round after round. Every decision is a function of what is seen in the
 //! pixel and at the corners of its neighbours, so that blocks and regions may be cut anyhow.
 
 use glam::{DVec2, DVec3};
 
+use super::cells::Index;
 use super::corners::{Corners, Seen};
 use super::difference::Difference;
 use super::fit::Side;
 use super::gaps::Gaps;
 use super::lattice::{UNIT, plane_origin, rms};
-use super::rounds::FIRST_POINTS;
 use super::small::{Mark, Marks, What};
 use super::strata::Strata;
 use super::work::{Key, View, Work};
 use crate::film::{PixelError, Region};
-use crate::trace::record::{Look, NONE, Probe, Records, TIERS, Tiers};
-use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch, packets};
+use crate::trace::record::{Look, NONE, Probe, Records};
+use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
 /// Small things are looked at one by one, where a pixel has no more of them.
 const FEATURES: usize = 6;
@@ -35,10 +35,8 @@ const SLOPE: f64 = 0.3;
 const EXPECTED: f64 = 0.15;
 /// What hides beside a single edge at most, as a share of its contrast's square.
 const CLEAN: f64 = 0.003;
-/// The power of two that a net begins with where small things are many.
-const CROWDED: u32 = 4;
 /// A look at what is met first.
-const FIRST: Look = Look { from: NONE, last: 1, lights: 0, until: 1 };
+const FIRST: Look = Look { from: NONE, last: 1, lights: 0 };
 
 /// A pixel's value and what is thought of its error.
 #[derive(Clone, Copy, Debug, Default)]
@@ -77,11 +75,13 @@ pub(super) struct Block<'a> {
     pub(super) looks: Vec<Look>,
     pub(super) lights: Vec<u64>,
     pub(super) probes: Vec<Probe>,
-    /// Paths up to each tier of all, and what they show.
-    pub(super) whole: [Vec<PlanePoint>; TIERS],
-    pub(super) samples: [Vec<Tiers>; TIERS],
-    /// Memory for nets' values in the order of their cells.
-    pub(super) cells: Vec<DVec3>,
+    /// Whole paths to be followed, and what those before them showed.
+    pub(super) whole: Vec<PlanePoint>,
+    pub(super) found: Vec<Sample>,
+    /// Places among both of points that pixels share.
+    pub(super) shared: Index,
+    /// Places of points in their pixels' lists.
+    pub(super) index: Index,
     pub(super) scratch: &'a mut WaveScratch,
     pub(super) counts: RayCounts,
 }
@@ -110,9 +110,10 @@ pub(crate) fn render(
         // For looks at no light.
         lights: vec![0; tracer.lights().len().div_ceil(64)],
         probes: Vec::new(),
-        whole: Default::default(),
-        samples: Default::default(),
-        cells: Vec::new(),
+        whole: Vec::new(),
+        found: Vec::new(),
+        shared: Index::default(),
+        index: Index::with_capacity_and_hasher(1 << 13, Default::default()),
         scratch,
         counts: RayCounts::default(),
     };
@@ -196,7 +197,7 @@ impl Block<'_> {
             let gaps = Gaps::new(self.tracer, &self.corners.records, seen);
             if alike && marks.is_empty() {
                 let (value, variance) = Corners::smooth(&around);
-                let variance = variance + hidden + gaps.variances.iter().sum::<f64>();
+                let variance = variance + hidden + gaps.variance;
                 let limit = self.tolerance * self.tolerance;
                 if variance <= limit || variance <= self.limit(0, self.corners.rays(seen[0])) {
                     self.finish(pixel, value, variance);
@@ -212,7 +213,9 @@ impl Block<'_> {
                 self.ask(PlanePoint { x: origin.x + p[0], y: origin.y - p[1] }, FIRST);
             }
             work.crowded = !few;
-            work.gaps = gaps.variances;
+            work.thorough = self.every_pixel;
+            work.busy = Corners::busy(&around);
+            work.gaps = gaps.variance;
             work.edges = gaps.lights;
             work.edges.extend(edges.iter().filter_map(|m| m.what.light()));
             work.mirrored_gaps = gaps.mirrored;
@@ -235,7 +238,7 @@ impl Block<'_> {
         for (k, (work, p, m)) in marked.into_iter().enumerate() {
             let at = DVec2::new(f64::from(p[0]), f64::from(p[1])) * (1.0 / f64::from(UNIT));
             let seen = Seen::new(self.tracer, &self.extra, k);
-            works[work].views.push(View { at, seen, tiers: Tiers::default(), area: f64::from(m.area), extra: true });
+            works[work].views.push(View { at, seen, open: DVec3::ZERO, area: f64::from(m.area), extra: true });
         }
         works.retain_mut(|w| !self.open(w));
         works
@@ -253,12 +256,13 @@ impl Block<'_> {
                 return true;
             }
             self.look_at_what_differs(work, &around);
-            self.spread(work, [FIRST_POINTS; TIERS]);
+            self.begin(work);
             return false;
         }
         let own = Difference::new(&work.views, &[], &self.corners.records, &self.extra);
         self.look_at_what_differs(work, &around);
-        if work.look.from == 1 && work.views.iter().any(|v| v.seen.first != work.views[0].seen.first) {
+        let pictured = work.views.iter().any(|v| v.seen.pictured);
+        if work.look.from == 1 && !pictured && work.views.iter().any(|v| v.seen.first != work.views[0].seen.first) {
             let samples: Vec<_> = work.views.iter().map(|v| (v.at, v.seen.first)).collect();
             work.strata = Some(Strata::new(self.tracer, work.origin, &samples));
             work.hidden += work.strayed();
@@ -266,21 +270,21 @@ impl Block<'_> {
         let e = SLOPE * Corners::slope(&around);
         work.slope = e * e;
         let (value, variance) = work.first_guess();
-        if !work.crowded && variance + work.unseen() <= self.limit(0, work.all_rays()) {
+        if !work.crowded && variance + work.unseen() <= self.limit(0, work.rays) {
             self.finish(work.pixel, value, variance + work.unseen());
             return true;
         }
         if work.views.len() == 4
-            && work.hidden <= self.limit(0, work.all_rays()).max(CLEAN * work.jump())
-            && work.all_gaps() <= self.limit(0, work.all_rays())
-            && work.slope <= self.limit(0, work.all_rays())
+            && work.hidden <= self.limit(0, work.rays).max(CLEAN * work.jump())
+            && work.gaps <= self.limit(0, work.rays)
+            && work.slope <= self.limit(0, work.rays)
             && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
             && let Some(look) = own.single(&mut self.lights)
             && self.fit(work, look)
         {
             return false;
         }
-        self.spread(work, [if work.crowded { CROWDED } else { FIRST_POINTS }; TIERS]);
+        self.begin(work);
         false
     }
 
@@ -294,28 +298,28 @@ impl Block<'_> {
         let mut difference = Difference::new(&work.views, around, &self.corners.records, &self.extra);
         difference.watch(&work.edges);
         work.rays = difference.rays(&work.views, &self.corners.records);
-        if work.rays.iter().sum::<f64>() > SAVING * all.iter().sum::<f64>() {
+        if work.rays > SAVING * all {
             self.look_at_all(work, all);
             return;
         }
         work.look = difference.look(&mut self.lights);
         work.hash = difference.hash;
         difference.open(&mut work.views, &self.corners.records, &self.extra, self.tracer);
-        work.base = work.views[..4].iter().fold(DVec3::ZERO, |sum, v| sum + (v.seen.value - v.open())) * 0.25;
-        work.still = work.spread_of(|v| v.seen.value - v.open());
-        if work.still > self.limit(0, work.all_rays()) {
+        work.base = work.views[..4].iter().fold(DVec3::ZERO, |sum, v| sum + (v.seen.value - v.open)) * 0.25;
+        work.still = work.spread_of(|v| v.seen.value - v.open);
+        if work.still > self.limit(0, work.rays) {
             // Smooth as the rest may be, it is not flat.
             self.look_at_all(work, all);
         }
     }
 
-    /// Rays of a look at everything, by tiers.
-    pub(super) fn all_rays(&self, work: &Work) -> [f64; TIERS] {
+    /// Rays of a look at everything.
+    pub(super) fn all_rays(&self, work: &Work) -> f64 {
         Difference::everything(self.corners.records.words()).rays(&work.views, &self.corners.records)
     }
 
     /// Looks at everything, for so many rays, from now on.
-    pub(super) fn look_at_all(&self, work: &mut Work, rays: [f64; TIERS]) {
+    pub(super) fn look_at_all(&self, work: &mut Work, rays: f64) {
         work.look = Look::ALL;
         (work.hash, work.base, work.still, work.strata, work.rays) = (0, DVec3::ZERO, 0.0, None, rays);
         let all = Difference::everything(self.corners.records.words());
@@ -348,11 +352,11 @@ impl Block<'_> {
         );
         self.points.clear();
         self.looks.clear();
-        for (tier, (points, found)) in self.whole.iter_mut().zip(&mut self.samples).enumerate() {
-            found.resize(points.len(), Tiers::default());
-            self.tracer.trace_tiers(points, tier, self.corners.least, found, self.scratch, &mut self.counts);
-            points.clear();
-        }
+        let start = self.found.len();
+        self.found.resize(start + self.whole.len(), Sample::BLANK);
+        let found = &mut self.found[start..];
+        self.tracer.trace(&self.whole, self.corners.least, found, self.scratch, &mut self.counts);
+        self.whole.clear();
         for (s, i) in searched {
             let search = &mut self.searches[s as usize];
             let key = Key::from(&self.probes[i]);

@@ -204,6 +204,11 @@ impl Corners {
         hidden + chance * HIDDEN * HIDDEN * sum / count
     }
 
+    /// The share of neighbours around a pixel that do not show the same beyond what they meet first.
+    pub(crate) fn busy(around: &Around<'_>) -> f64 {
+        neighbours(around).filter(|(a, b)| a.rest != b.rest).count() as f64 / 24.0
+    }
+
     /// The largest difference between neighbours around a pixel that show the same.
     pub(crate) fn slope(around: &Around<'_>) -> f64 {
         let alike = neighbours(around).filter(|(a, b)| a.signature == b.signature);

@@ -1,9 +1,11 @@
 //! In what the paths through a pixel differ.
 
+use glam::DVec3;
+
 use super::corners::Seen;
 use super::work::View;
 use crate::trace::Tracer;
-use crate::trace::record::{Look, Records, TIERS, Tiers};
+use crate::trace::record::{Look, Records};
 
 /// What differs between paths; depths count from 1.
 #[derive(Debug, Default)]
@@ -106,7 +108,7 @@ impl Difference {
     }
 
     fn at(&self, lights: u32) -> Look {
-        Look { from: self.from, last: self.last, lights, until: u32::MAX }
+        Look { from: self.from, last: self.last, lights }
     }
 
     /// A look at all that differs.
@@ -125,27 +127,26 @@ impl Difference {
         (differ == 0).then(|| {
             let at = lights.len() as u32;
             lights.extend(std::iter::repeat_n(0, self.from as usize * self.words));
-            Look { from: u32::MAX, last: self.from, lights: at, until: u32::MAX }
+            Look { from: u32::MAX, last: self.from, lights: at }
         })
     }
 
     /// Splits the views' values into what differs and what does not.
     pub(super) fn open(&self, views: &mut [View], corners: &Records, extra: &Records, tracer: &Tracer) {
-        let (words, look) = (corners.words(), self.at(0));
+        let words = corners.words();
         for v in views {
             let r = records(v, corners, extra);
-            v.tiers = Tiers::default();
+            v.open = DVec3::ZERO;
             for (depth, (i, m)) in (1..).zip(r.path(v.seen.path as usize)) {
-                let tier = &mut v.tiers[look.tier(depth)];
                 if depth >= self.from {
-                    *tier += m.direct;
+                    v.open += m.direct;
                 } else if depth <= self.last {
                     let at = (depth as usize - 1) * words;
                     for (k, (&seen, &open)) in r.lights(i).iter().zip(&self.lights[at..at + words]).enumerate() {
                         let mut both = seen & open;
                         while both != 0 {
                             let light = 64 * k + both.trailing_zeros() as usize;
-                            *tier += m.unshadowed(tracer.lights()[light]);
+                            v.open += m.unshadowed(tracer.lights()[light]);
                             both &= both - 1;
                         }
                     }
@@ -154,20 +155,19 @@ impl Difference {
         }
     }
 
-    /// About how many rays a look takes in each tier: the mean over the corners.
-    pub(super) fn rays(&self, views: &[View], corners: &Records) -> [f64; TIERS] {
-        let (mut rays, look) = ([0; TIERS], self.at(0));
+    /// About how many rays a look takes: the mean over the corners.
+    pub(super) fn rays(&self, views: &[View], corners: &Records) -> f64 {
+        let mut rays = 0;
         for view in &views[..4] {
             for (depth, (i, _)) in (1..).zip(corners.path(view.seen.path as usize)) {
-                let tier = &mut rays[look.tier(depth)];
                 if depth >= self.from {
-                    *tier += 1 + corners.lights_seen(i);
+                    rays += 1 + corners.lights_seen(i);
                 } else if depth <= self.last {
                     let at = (depth as usize - 1) * corners.words();
-                    *tier += 1 + self.lights[at..at + corners.words()].iter().map(|w| w.count_ones()).sum::<u32>();
+                    rays += 1 + self.lights[at..at + corners.words()].iter().map(|w| w.count_ones()).sum::<u32>();
                 }
             }
         }
-        rays.map(|sum| 0.25 * f64::from(sum))
+        (0.25 * f64::from(rays)).max(1.0)
     }
 }

@@ -10,7 +10,7 @@ use super::lattice::{rms, vector};
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 use crate::trace::Tracer;
-use crate::trace::record::{NONE, Records, TIERS};
+use crate::trace::record::{NONE, Records};
 
 /// Standard deviation of a pixel's mean for light that may pass, as a share of it.
 const SPOT: f64 = 0.1;
@@ -18,8 +18,8 @@ const SPOT: f64 = 0.1;
 /// What light may pass between shadows.
 #[derive(Debug, Default)]
 pub(super) struct Gaps {
-    /// Variance of what that does to a pixel's mean, in what is met first, second, and later.
-    pub(super) variances: [f64; TIERS],
+    /// Variance of what that does to a pixel's mean.
+    pub(super) variance: f64,
     /// The lights, where paths meet something first.
     pub(super) lights: Vec<u32>,
     /// Whether that may be in a mirror, too.
@@ -63,7 +63,7 @@ impl Gaps {
                     continue;
                 }
                 let e = SPOT * share * rms(places[0].1.unshadowed(from));
-                self.variances[(depth - 1).min(TIERS - 1)] += e * e;
+                self.variance += e * e;
                 if depth > 1 {
                     self.mirrored = true;
                 } else if !self.lights.contains(&(light as u32)) {

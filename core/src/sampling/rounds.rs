@@ -1,17 +1,25 @@
-//! How open pixels are settled, round after round: by their only edge, or by points of their nets.
+//! How open pixels are settled, round after round: by their only edge, or by their cells.
+
+use glam::DVec2;
 
 use super::block::{Block, Search, WORTH};
+use super::cells::{Cells, Cut};
+use super::cuts::{self, Limits};
 use super::fit::{Fit, Next, Side};
 use super::lattice::{UNIT, rms};
-use super::net;
-use super::points::Points;
-use super::tiers::{self, Limits, Powers};
 use super::work::{How, Key, Work};
-use crate::trace::PlanePoint;
-use crate::trace::record::{Look, NONE, TIERS};
+use crate::trace::record::{Look, NONE};
+use crate::trace::{PlanePoint, mix};
 
-/// The points that a net begins with, as a power of two.
-pub(super) const FIRST_POINTS: u32 = 2;
+/// Halvings that a pixel begins with, and where small things are many.
+const FIRST_CELLS: u32 = 2;
+const CROWDED: u32 = 4;
+/// Where more neighbours than this differ, a pixel begins with nearly as many as it will need, and with so many
+/// at most: points that are traced together cost less.
+const BUSY: f64 = 0.7;
+const FORESEEN: f64 = 6.0;
+/// The most points of a pixel.
+const MOST: usize = 4096;
 /// Points by which an edge is tried.
 const TRIALS: u32 = 6;
 
@@ -51,7 +59,7 @@ impl Block<'_> {
     /// Goes on with a pixel. Whether it is settled.
     pub(super) fn advance(&mut self, work: &mut Work) -> bool {
         // Every look that agrees makes it less likely that more hides.
-        let (hidden, gaps) = (work.hidden, work.all_gaps());
+        let (hidden, gaps) = (work.hidden, work.gaps);
         // An edge is looked at, and not what other lights may do beside it.
         let doubt = |looks: u32| hidden / libm::pow(1.0 + f64::from(looks), 1.5) + gaps;
         let How::Fit { fit, look, keys, sides, asked, trial } = &mut work.how else { return self.grow(work) };
@@ -94,7 +102,7 @@ impl Block<'_> {
                 }
                 Next::Done(..) if trial.is_none() => {
                     let sides = [&found[0], &found[1]];
-                    let places = (0..TRIALS).map(|k| work.net.place(k));
+                    let places = (0..TRIALS).map(|k| trial_place(work.at, k));
                     let known = places.filter_map(|p| Some((p, fit.side(p, sides)?)));
                     let (points, expected) = known.chain(fit.quarters(sides, limit)).unzip();
                     *trial = Some(expected);
@@ -108,87 +116,103 @@ impl Block<'_> {
                 }
             }
         }
-        self.spread(work, [FIRST_POINTS; TIERS]);
+        self.begin(work);
         false
     }
 
-    /// Asks for the first 2^`powers` points of a pixel, or for those that are new in their tiers.
-    pub(super) fn spread(&mut self, work: &mut Work, powers: Powers) {
-        let (mut points, old) = match std::mem::replace(&mut work.how, How::Closed) {
-            How::Net(points) => {
-                let old = points.powers.map(|p| 1 << p);
-                (points, old)
-            }
-            _ => (Points::default(), [0; TIERS]),
-        };
-        let sure = work.unseen() + work.slope <= self.limit(0, work.all_rays());
-        let settled = if sure { work.settled_parts() } else { Vec::new() };
-        points.whole = work.wants_whole_paths() && self.tracer.only_waves();
-        points.extend(powers);
-        for tier in 0..TIERS {
-            points.start[tier] = if points.whole { self.whole[tier].len() } else { self.points.len() };
-            let first = powers.get(tier + 1).map_or(0, |p| 1 << p).max(old[tier]);
-            let mut asked = std::mem::take(&mut points.asked[tier]);
-            asked.clear();
-            asked.extend(work.net.side_by_side(first, 1 << powers[tier]));
-            if let Some(strata) = work.strata.as_ref().filter(|_| !settled.is_empty()) {
-                asked.retain(|&k| {
-                    let known = settled.get(strata.of(work.net.place(k))).and_then(Option::as_ref);
-                    known.is_none_or(|known| {
-                        points.show_all(k, tier, known);
-                        false
-                    })
-                });
-            }
-            let places = asked.iter().map(|&k| work.net.point_of(work.origin, k));
-            if points.whole {
-                self.whole[tier].extend(places);
-            } else {
-                self.points.extend(places);
-                self.looks.resize(self.points.len(), work.look.up_to(tier));
-            }
-            points.asked[tier] = asked;
-        }
-        work.how = How::Net(points);
+    /// The variance that a pixel's points must take off each to be worth it, if that counts.
+    fn a_point(&self, work: &Work) -> Option<f64> {
+        (!self.every_pixel).then_some(self.tolerance * self.tolerance / WORTH * work.rays)
     }
 
-    /// Takes in what a net's points showed, and asks for more if need be. Whether it is settled.
-    fn grow(&mut self, work: &mut Work) -> bool {
-        let How::Net(points) = &mut work.how else { return true };
-        let powers = points.powers;
-        let mut astray = false;
-        for tier in 0..TIERS {
-            let asked = std::mem::take(&mut points.asked[tier]);
-            for (&k, i) in asked.iter().zip(points.start[tier]..) {
-                if points.whole {
-                    points.show(k, tier, &self.samples[tier][i]);
-                } else {
-                    let probe = &self.probes[i];
-                    points.show_all(k, tier, probe);
-                    astray |= probe.hash != work.hash;
-                }
+    /// Begins to look at a pixel's cells.
+    pub(super) fn begin(&mut self, work: &mut Work) {
+        let mut times = if work.crowded { CROWDED } else { FIRST_CELLS };
+        if work.busy > BUSY {
+            let limits = (self.a_point(work), self.tolerance * self.tolerance);
+            times = times.max(work.foreseen(limits).min(FORESEEN) as u32);
+            // Among so much else, outlines of what is seen first tell little.
+            if work.strata.is_some() {
+                self.look_at_all(work, self.all_rays(work));
             }
-            points.asked[tier] = asked;
+        }
+        // A pixel may begin anew, with other answers.
+        let name = work.pixel | usize::from(work.again) << 16;
+        let mut cells = Cells::new(name, [0, 1, 2, 3].map(|k| (work.views[k].open, work.views[k].seen.first)));
+        cells.whole = work.wants_whole_paths();
+        cells.cut(&[Some(Cut { times, upright: true })], &mut self.index);
+        self.ask_fresh(work, &mut cells);
+        work.how = How::Cells(cells);
+    }
+
+    /// Asks for a pixel's fresh points, but those whose answer is known.
+    fn ask_fresh(&mut self, work: &Work, cells: &mut Cells) {
+        let sure = work.unseen() + work.slope <= self.limit(0, work.rays);
+        let settled = if sure { work.settled_parts() } else { Vec::new() };
+        let strata = work.strata.as_ref().filter(|_| !settled.is_empty());
+        for k in cells.take_fresh() {
+            let point = &mut cells.points[k];
+            if let Some(known) = strata.and_then(|s| settled.get(s.of(point.place()))?.as_ref()) {
+                (point.open, point.first) = (known.radiance, known.first);
+                continue;
+            }
+            let at = point.from(work.origin);
+            let place = if cells.whole {
+                let new = (self.found.len() + self.whole.len()) as u32;
+                let name = u64::from(at.x as u32) << 32 | u64::from(at.y as u32);
+                let place = if point.shared() { *self.shared.entry(name).or_insert(new) } else { new };
+                if place == new {
+                    self.whole.push(at);
+                }
+                place
+            } else {
+                self.ask(at, work.look) as u32
+            };
+            cells.asked.push((k as u32, place));
+        }
+    }
+
+    /// Takes in what a pixel's points showed, and asks for more if need be. Whether it is settled.
+    fn grow(&mut self, work: &mut Work) -> bool {
+        let How::Cells(cells) = &mut work.how else { return true };
+        let mut astray = false;
+        for (k, place) in cells.asked.drain(..) {
+            let point = &mut cells.points[k as usize];
+            if cells.whole {
+                point.open = self.found[place as usize].radiance;
+            } else {
+                let probe = &self.probes[place as usize];
+                (point.open, point.first) = (probe.radiance, probe.first);
+                astray |= probe.hash != work.hash;
+            }
         }
         if astray {
             // Something was met that no corner shows: nothing is known to be the same everywhere.
             self.look_at_all(work, self.all_rays(work));
-            work.how = How::Closed;
-            self.spread(work, powers);
+            work.again = true;
+            self.begin(work);
             return false;
         }
-        let (value, variances, fixed) = work.evaluate(self.tracer, &mut self.cells);
-        let enough = self.tolerance * self.tolerance;
-        let a_ray = (!self.every_pixel).then_some(enough / WORTH);
-        match tiers::next(powers, (variances, fixed), work.rays, Limits { enough, a_ray, most: net::MOST }) {
-            None => {
-                self.finish(work.pixel, value, variances.iter().sum::<f64>() + fixed);
-                true
-            }
-            Some(powers) => {
-                self.spread(work, powers);
-                false
-            }
-        }
+        let mut cells = std::mem::take(cells);
+        let estimate = work.estimate(&mut cells, self.tracer);
+        let limits = Limits { enough: self.tolerance * self.tolerance, a_point: self.a_point(work) };
+        let cuts = cuts::next(&cells.cells, estimate.fixed, limits);
+        let Some(cuts) = cuts.filter(|_| cells.points.len() < MOST) else {
+            self.finish(work.pixel, estimate.value(work, &cells), estimate.variance(&cells));
+            return true;
+        };
+        cells.cut(&cuts, &mut self.index);
+        self.ask_fresh(work, &mut cells);
+        work.how = How::Cells(cells);
+        false
     }
+}
+
+/// The `k`-th place, in pixels, by which an edge of pixel (x, y) is tried: evenly spread (Roberts, *The
+/// unreasonable effectiveness of quasirandom sequences*, 2018), and other places in every pixel.
+fn trial_place((x, y): (u32, u32), k: u32) -> DVec2 {
+    let hash = mix(u64::from(x) << 32 | u64::from(y), 0);
+    let start = |bits: u64| (bits & 0xffff) as f64 * (1.0 / 65536.0);
+    let at = DVec2::new(start(hash >> 20), start(hash >> 40)) + DVec2::new(0.754_877_666, 0.569_840_291) * f64::from(k);
+    at.fract()
 }

@@ -2,15 +2,14 @@
 
 use glam::{DVec2, DVec3};
 
+use super::cells::Cells;
 use super::corners::Seen;
 use super::fit::Fit;
 use super::lattice::{UNIT, extent, rms};
-use super::net::Net;
-use super::points::Points;
 use super::shape::Shape;
 use super::strata::{Part, Strata};
 use crate::trace::PlanePoint;
-use crate::trace::record::{Look, NONE, Probe, Records, TIERS, Tiers};
+use crate::trace::record::{Look, NONE, Probe, Records};
 
 /// Standard deviation of the integral over an area whose corners alone are known to differ, as a
 /// share of the largest difference.
@@ -28,32 +27,18 @@ const BALL: f64 = 0.3;
 /// Standard deviation of what is claimed twice or by none, as a share.
 pub(super) const CLAIMED: f64 = 0.3;
 
-/// Points that are likely to show a spot of light between shadows.
-const SPOTS: f64 = 4.0;
-
 /// A whole path through a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
     /// In pixels from its upper left corner.
     pub(super) at: DVec2,
     pub(super) seen: Seen,
-    /// The part of its value that is looked at, by tiers.
-    pub(super) tiers: Tiers,
+    /// The part of its value that is looked at.
+    pub(super) open: DVec3,
     /// The area of what it was to show; 0 for corners.
     pub(super) area: f64,
     /// Whether it is no corner.
     pub(super) extra: bool,
-}
-
-impl View {
-    /// The part of its value that is looked at.
-    pub(super) fn open(&self) -> DVec3 {
-        sum(&self.tiers)
-    }
-}
-
-pub(super) fn sum(tiers: &Tiers) -> DVec3 {
-    tiers.iter().fold(DVec3::ZERO, |sum, t| sum + *t)
 }
 
 /// What tells the sides of an edge apart.
@@ -98,15 +83,14 @@ pub(super) enum How {
         asked: Option<(usize, usize)>,
         trial: Option<Vec<bool>>,
     },
-    /// By points of its net.
-    Net(Points),
+    /// By its cells.
+    Cells(Cells),
 }
 
 /// See the [module](self).
 pub(super) struct Work {
     pub(super) pixel: usize,
     pub(super) at: (u32, u32),
-    pub(super) net: Net,
     pub(super) origin: PlanePoint,
     /// The corners, then small things.
     pub(super) views: Vec<View>,
@@ -115,8 +99,8 @@ pub(super) struct Work {
     pub(super) hash: u64,
     /// The value of what is not looked at.
     pub(super) base: DVec3,
-    /// Rays of a look, by tiers.
-    pub(super) rays: [f64; TIERS],
+    /// Rays of a look.
+    pub(super) rays: f64,
     pub(super) strata: Option<Strata>,
     /// Variance of that.
     pub(super) still: f64,
@@ -124,15 +108,21 @@ pub(super) struct Work {
     pub(super) slope: f64,
     /// Variance of what may hide between the corners.
     pub(super) hidden: f64,
-    /// Variance of what light may pass between shadows, by tiers.
-    pub(super) gaps: [f64; TIERS],
+    /// Variance of what light may pass between shadows.
+    pub(super) gaps: f64,
     /// Whether these are too many to be looked at one by one.
     pub(super) crowded: bool,
+    /// The share of neighbouring corners, around the pixel too, that differ beyond what they meet first.
+    pub(super) busy: f64,
     /// Lights whose shadows' outlines pass.
     pub(super) edges: Vec<u32>,
     /// Whether light may pass between shadows in mirrors.
     pub(super) mirrored_gaps: bool,
     pub(super) how: How,
+    /// Whether the pixel is to keep to the tolerance.
+    pub(super) thorough: bool,
+    /// Whether it was begun anew.
+    pub(super) again: bool,
 }
 
 impl PlanePoint {
@@ -150,55 +140,30 @@ impl Work {
         Self {
             pixel,
             at,
-            net: Net::of(at),
             origin,
-            views: views
-                .map(|(seen, at)| View { at, seen, tiers: Tiers::default(), area: 0.0, extra: false })
-                .collect(),
+            views: views.map(|(seen, at)| View { at, seen, open: DVec3::ZERO, area: 0.0, extra: false }).collect(),
             look: Look::ALL,
             hash: 0,
             base: DVec3::ZERO,
             still: 0.0,
             slope: 0.0,
-            rays: [0.0; TIERS],
+            rays: 0.0,
             strata: None,
             hidden,
-            gaps: [0.0; TIERS],
+            gaps: 0.0,
             crowded: false,
+            busy: 0.0,
             edges: Vec::new(),
             mirrored_gaps: false,
             how: How::Closed,
+            thorough: false,
+            again: false,
         }
-    }
-
-    /// Rays of a look.
-    pub(super) fn all_rays(&self) -> f64 {
-        self.rays.iter().sum::<f64>().max(1.0)
-    }
-
-    /// Variance of what light may pass between shadows.
-    pub(super) fn all_gaps(&self) -> f64 {
-        self.gaps.iter().sum()
     }
 
     /// Variance of what no point shows yet.
     pub(super) fn unseen(&self) -> f64 {
-        self.hidden + self.all_gaps()
-    }
-
-    /// Variance of what so many points of each tier did not show.
-    pub(super) fn missed(&self, points: [f64; TIERS]) -> [f64; TIERS] {
-        // Much hides where much differs, or where there is much to be seen.
-        let jumps: [f64; TIERS] = std::array::from_fn(|t| self.spread_of(|v| v.tiers[t]));
-        let share = |of: &[f64; TIERS], t: usize| {
-            let all: f64 = of.iter().sum();
-            if all > 0.0 { of[t] / all } else { 1.0 / TIERS as f64 }
-        };
-        std::array::from_fn(|t| {
-            let (n, spots) = (1.0 + points[t], 1.0 + points[t] / SPOTS);
-            let share = 0.5 * (share(&jumps, t) + share(&self.rays, t));
-            self.hidden * share / (n * n) + self.gaps[t] / (spots * spots)
-        })
+        self.hidden + self.gaps
     }
 
     /// Whether plain paths tell all that is looked for.
@@ -217,7 +182,7 @@ impl Work {
         let mut objects = self.views.iter().filter(|v| v.seen.first != NONE);
         let Some(one) = objects.next() else { return 0.0 };
         // Equal values of different lights are chance.
-        let apart = |v: &View| rms(v.open() - one.open()).max(CHANCE * rms(v.open().max(one.open())));
+        let apart = |v: &View| rms(v.open - one.open).max(CHANCE * rms(v.open.max(one.open)));
         let far = |v: &View| if v.seen.rest == one.seen.rest { 0.0 } else { apart(v) };
         let e = STRAY * objects.map(far).fold(0.0, f64::max);
         e * e
@@ -225,7 +190,7 @@ impl Work {
 
     /// The square of the largest difference between views.
     pub(super) fn jump(&self) -> f64 {
-        self.spread_of(View::open) / (SMOOTH * SMOOTH)
+        self.spread_of(|v| v.open) / (SMOOTH * SMOOTH)
     }
 
     /// The views in each part of the strata, and in the rest.
@@ -248,9 +213,7 @@ impl Work {
         let part = |(k, p): (usize, &Part)| {
             let group = &groups[k];
             let alike = group.iter().all(|v| v.seen.signature == group[0].seen.signature);
-            let mean =
-                |t: usize| group.iter().fold(DVec3::ZERO, |sum, v| sum + v.tiers[t]) * (1.0 / group.len() as f64);
-            let radiance = std::array::from_fn(mean);
+            let radiance = group.iter().map(|v| v.open).sum::<DVec3>() * (1.0 / group.len() as f64);
             (alike && !group.is_empty() && !small(p)).then_some(Probe { radiance, first: p.code, hash: 0, lit: false })
         };
         strata.parts.iter().enumerate().map(part).collect()
@@ -258,9 +221,8 @@ impl Work {
 
     /// The value as far as whole paths tell, and the variance of its error.
     pub(super) fn first_guess(&self) -> (DVec3, f64) {
-        let extent = |views: &[&View]| extent(views.iter().map(|v| v.open()));
-        let mean =
-            |views: &[&View]| views.iter().fold(DVec3::ZERO, |sum, v| sum + v.open()) * (1.0 / views.len() as f64);
+        let extent = |views: &[&View]| extent(views.iter().map(|v| v.open));
+        let mean = |views: &[&View]| views.iter().fold(DVec3::ZERO, |sum, v| sum + v.open) * (1.0 / views.len() as f64);
         let all: Vec<&View> = self.views.iter().collect();
         let Some(strata) = &self.strata else {
             let e = UNSEEN * extent(&all);
@@ -291,7 +253,7 @@ impl Work {
 
     /// Mean and range of the corners on one side of an edge.
     pub(super) fn open_of(&self, like: &[bool; 4], side: bool) -> (DVec3, f64) {
-        let of_side = || self.views.iter().zip(like).filter(|(_, l)| **l == side).map(|(v, _)| v.open());
+        let of_side = || self.views.iter().zip(like).filter(|(_, l)| **l == side).map(|(v, _)| v.open);
         (of_side().sum::<DVec3>() * (1.0 / of_side().count() as f64), extent(of_side()))
     }
 

@@ -24,7 +24,6 @@ pub use camera::PlanePoint;
 pub use condition::Condition;
 pub use prepared::{PreparedScene, RayHit};
 
-use crate::bvh::Boxes;
 use crate::film::transfer::to_linear;
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::geometry::ObjectId;
@@ -36,7 +35,7 @@ use crate::settings::{Sampling, Settings, Tolerance};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 pub(crate) use path::{PathScratch, mix};
-use record::{Look, Probe, Recording, Records, TIERS, Tiers};
+use record::{Look, Probe, Recording, Records};
 use texture::{Mapping, Texels};
 pub(crate) use wave::WaveScratch;
 use wave::{Blockers, Wave};
@@ -354,10 +353,17 @@ impl Tracer {
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
-    /// What is seen through `points`. As [`Self::record`] else.
-    fn trace(&self, points: &[PlanePoint], out: &mut [Sample], scratch: &mut WaveScratch, counts: &mut RayCounts) {
+    /// What is seen through `points`, by rays of more weight than `least`. As [`Self::record`] else.
+    pub(crate) fn trace(
+        &self,
+        points: &[PlanePoint],
+        least: f64,
+        out: &mut [Sample],
+        scratch: &mut WaveScratch,
+        counts: &mut RayCounts,
+    ) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            self.wave(points, None, 0.0, out, scratch, counts);
+            self.wave(points, None, least, out, scratch, counts);
         }
     }
 
@@ -371,42 +377,7 @@ impl Tracer {
         scratch: &mut WaveScratch,
         counts: &mut RayCounts,
     ) {
-        let max_depth = self.settings.max_depth;
-        let wave = Wave { tracer: self, points, record, tiers: None, max_depth, least, out, scratch, counts };
-        dispatch(self.level, wave);
-    }
-
-    /// Whether paths go by waves alone, as [`Self::trace_tiers`] needs it.
-    pub(crate) fn only_waves(&self) -> bool {
-        self.level != Level::Scalar
-            && self.prepared.filter.is_some()
-            && matches!(self.prepared.boxes, Boxes::Single(_))
-            && self.settings.max_depth <= wave::STEPS
-    }
-
-    /// What is seen through `points` in each tier of [`record::Look::ALL`] up to `tier`, by rays of more weight
-    /// than `least`. As [`Self::record`] else.
-    pub(crate) fn trace_tiers(
-        &self,
-        points: &[PlanePoint],
-        tier: usize,
-        least: f64,
-        found: &mut [Tiers],
-        scratch: &mut WaveScratch,
-        counts: &mut RayCounts,
-    ) {
-        let max_depth = self.settings.max_depth.min(Look::ALL.up_to(tier).until);
-        let mut out = [Sample::BLANK; wave::PATHS];
-        found.fill(Tiers::default());
-        for (points, found) in points.chunks(wave::PATHS).zip(found.chunks_mut(wave::PATHS)) {
-            let (out, tiers) = (&mut out[..points.len()], Some(&mut *found));
-            let (scratch, counts) = (&mut *scratch, &mut *counts);
-            let wave = Wave { tracer: self, points, record: None, tiers, max_depth, least, out, scratch, counts };
-            dispatch(self.level, wave);
-            for (tiers, rest) in found.iter_mut().zip(out) {
-                tiers[TIERS - 1] = rest.radiance;
-            }
-        }
+        dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
     }
 
     /// Renders `block` to the front of `pixels`, `stride` pixels a row.
@@ -424,7 +395,7 @@ impl Tracer {
         points.clear();
         packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
         samples.resize(points.len(), Sample::BLANK);
-        self.trace(points, samples, wave, counts);
+        self.trace(points, 0.0, samples, wave, counts);
         let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
         let mut done = samples.iter();
         if n == 1 {

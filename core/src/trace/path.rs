@@ -147,7 +147,7 @@ impl Tracer {
                 let direct = color * (throughput * lit);
                 sum += direct;
                 if let Some((record, path)) = &mut record {
-                    record.add(*path, depth, direct);
+                    record.add(*path, direct);
                 }
             }
             throughput *= material.reflect;

@@ -10,12 +10,6 @@ use crate::geometry::Ray;
 /// every meeting.
 const MOST_LIGHTS: usize = 256;
 
-/// Parts that the light of a path is told in: of what is looked at first, of one mirror more, of all
-/// further ones.
-pub(crate) const TIERS: usize = 3;
-/// The light of a path by tiers.
-pub(crate) type Tiers = [DVec3; TIERS];
-
 /// How much of a path is looked at; depths count from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Look {
@@ -27,36 +21,18 @@ pub(crate) struct Look {
     /// Where, among the words that go with the looks, the lights that count at depths 1 to `last`
     /// begin, so many words a depth as the scene's lights take.
     pub(crate) lights: u32,
-    /// Paths are not followed beyond this depth.
-    pub(crate) until: u32,
 }
 
 impl Look {
     /// At everything.
-    pub(crate) const ALL: Self = Self { from: 1, last: 0, lights: 0, until: u32::MAX };
-
-    /// The depth that the first tier ends with.
-    fn near(&self) -> u32 {
-        if self.from == u32::MAX { self.last.max(1) } else { self.from }
-    }
-
-    /// The tier of what is met at `depth`.
-    pub(crate) fn tier(&self, depth: u32) -> usize {
-        (depth.saturating_sub(self.near()) as usize).min(TIERS - 1)
-    }
-
-    /// The same look no farther than to the end of `tier`.
-    pub(crate) fn up_to(self, tier: usize) -> Self {
-        let until = if tier + 1 == TIERS { u32::MAX } else { self.near().saturating_add(tier as u32) };
-        Self { until, ..self }
-    }
+    pub(crate) const ALL: Self = Self { from: 1, last: 0, lights: 0 };
 }
 
 /// What came of a look.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Probe {
     /// What counts of the radiance.
-    pub(crate) radiance: Tiers,
+    pub(crate) radiance: DVec3,
     /// The object met first, with [`INSIDE`]; [`NONE`] for the background.
     pub(crate) first: u32,
     /// A hash of the objects met up to [`Look::last`], that of [`Meeting::hash`].
@@ -249,7 +225,7 @@ impl<'a> Recording<'a> {
             Sink::Records { .. } => true,
             Sink::Probes { looks, .. } => {
                 let look = &looks[path];
-                depth < look.until && (look.from != u32::MAX || depth < look.last)
+                look.from != u32::MAX || depth < look.last
             }
         }
     }
@@ -318,7 +294,7 @@ impl<'a> Recording<'a> {
                     probe.hash = mix(probe.hash, u64::from(code) + 1);
                 }
                 if code == NONE && depth >= look.from {
-                    probe.radiance[look.tier(depth)] += weight;
+                    probe.radiance += weight;
                 }
             }
             Sink::Records { records, base, latest } => {
@@ -366,11 +342,11 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// The lights add `direct` at the latest meeting of `path`, its `depth`-th.
-    pub(crate) fn add(&mut self, path: usize, depth: u32, direct: DVec3) {
+    /// The lights add `direct` at the latest meeting of `path`.
+    pub(crate) fn add(&mut self, path: usize, direct: DVec3) {
         match &mut self.sink {
             Sink::Records { records, latest, .. } => records.meetings[latest[path] as usize].direct += direct,
-            Sink::Probes { looks, probes, .. } => probes[path].radiance[looks[path].tier(depth)] += direct,
+            Sink::Probes { probes, .. } => probes[path].radiance += direct,
         }
     }
 

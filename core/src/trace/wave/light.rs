@@ -159,12 +159,11 @@ impl Stage<'_> {
     }
 
     fn record_light(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
-        let depth = paths.step as u32 + 1;
         let Some(record) = &mut paths.record else { return };
         for i in (0..rays.count).filter(|&i| places.met[i] != NONE) {
             let color = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
             if color != DVec3::ZERO {
-                record.add(rays.path[i] as usize, depth, color * (rays.throughput[i] * places.lit[i]));
+                record.add(rays.path[i] as usize, color * (rays.throughput[i] * places.lit[i]));
             }
         }
     }

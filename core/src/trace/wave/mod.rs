@@ -22,7 +22,7 @@ use super::camera::PlanePoint;
 use super::filter::Filter;
 use super::packet::{Packet, Walk};
 use super::path::PathScratch;
-use super::record::{Recording, TIERS, Tiers};
+use super::record::Recording;
 use super::{RayCounts, Sample, Tracer};
 use crate::bvh::{Boxes, Wide};
 use crate::simd::{Kernel, Simd};
@@ -90,10 +90,6 @@ pub(crate) struct Wave<'a> {
     pub(crate) points: &'a [PlanePoint],
     /// Where paths are recorded, if they are.
     pub(crate) record: Option<Recording<'a>>,
-    /// Where the light of all tiers of [`super::record::Look::ALL`] but the last goes, if it is to be apart.
-    pub(crate) tiers: Option<&'a mut [Tiers]>,
-    /// The most rays from the camera on.
-    pub(crate) max_depth: u32,
     /// Mirrored rays of no more weight are not followed.
     pub(crate) least: f64,
     pub(crate) out: &'a mut [Sample],
@@ -104,7 +100,7 @@ pub(crate) struct Wave<'a> {
 impl Kernel for Wave<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<S: Simd>(mut self) {
+    fn run<S: Simd>(self) {
         let prepared = &self.tracer.prepared;
         let (Some(filter), Boxes::Single(wide)) = (&prepared.filter, &prepared.boxes) else {
             return self.run_scalar();
@@ -124,7 +120,7 @@ impl Kernel for Wave<'_> {
             path,
         } = self.scratch;
         let n = self.points.len();
-        let max_depth = self.max_depth;
+        let max_depth = self.tracer.settings.max_depth;
         for v in [&mut *mirrors, &mut *shadow_counts] {
             v.clear();
             v.resize(if max_depth > STEPS { n } else { 0 }, 0);
@@ -160,11 +156,6 @@ impl Kernel for Wave<'_> {
             stage.record(rays, places, &mut paths);
             stage.light::<S>(rays, places, shadows, packet, walk, &mut paths);
             stage.gather::<S>(rays, places, &mut paths);
-            if let Some(tiers) = &mut self.tiers
-                && depth < TIERS as u32
-            {
-                settle_tier(tiers, depth as usize - 1, paths.radiance);
-            }
             next.count = 0;
             if self.tracer.mirrors && (depth < max_depth || paths.record.is_some()) {
                 stage.reflect::<S>(rays, places, next, &mut paths, depth < max_depth);
@@ -195,14 +186,6 @@ impl Kernel for Wave<'_> {
             let record = self.record.as_mut().map(|r| (r, k));
             *out = self.tracer.sample(*p, self.least, &mut self.scratch.path, self.counts, record);
         }
-    }
-}
-
-/// Moves what paths have gathered to their light of one tier.
-#[inline(never)]
-fn settle_tier(tiers: &mut [Tiers], tier: usize, radiance: &mut [Column<f64>; 3]) {
-    for (k, light) in tiers.iter_mut().enumerate() {
-        light[tier] = DVec3::from_array(radiance.each_mut().map(|sum| std::mem::take(&mut sum[k])));
     }
 }
 

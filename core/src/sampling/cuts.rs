@@ -1,0 +1,139 @@
+//! Which cells are cut.
+
+use super::cells::{Cell, Cut};
+
+/// Rays by which halving a cell has paid when its variance is that of so many times what a ray must
+/// take off: two points, of which some are shared, that take off a half.
+const HALVING: f64 = 4.0;
+/// A cell is halved twice in one go where it is worth it so many times, and once more for every further time.
+const TWICE: f64 = 16.0;
+/// Halvings in one go at most.
+const GO: u32 = 4;
+/// The share of a cell's variance that its halves are expected to take off.
+const TAKEN: f64 = 0.6;
+/// Cells of less than this share of the largest variance wait until that has fallen.
+const LEAST: f64 = 1.0 / 16.0;
+/// The least part of what is enough, or fixed, that variances are brought down to.
+const PART: f64 = 0.1;
+
+/// The error of what a cell adds to its pixel's mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Error {
+    pub(super) variance: f64,
+    /// The variance of its corners, or what that is taken to be at least.
+    pub(super) spread: f64,
+    /// How much what it shows differs from left to right, and from top to bottom.
+    pub(super) across: f64,
+    pub(super) down: f64,
+}
+
+/// What ends the search for a pixel's value.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// The variance that is enough.
+    pub(super) enough: f64,
+    /// The variance that a point must take off to be worth it; none where only what is enough counts.
+    pub(super) a_point: Option<f64>,
+}
+
+/// How cells are cut whose errors add up, and to `fixed` that no point takes off; `None` where the pixel is
+/// done.
+pub(super) fn next(cells: &[Cell], fixed: f64, limits: Limits) -> Option<Vec<Option<Cut>>> {
+    let variance = |cell: &Cell| cell.error.map_or(0.0, |e| e.variance);
+    let all: f64 = cells.iter().map(variance).sum();
+    // What is fixed may be more than enough: then the rest need not be less than a part of it.
+    let enough = (limits.enough - fixed).max(PART * limits.enough.max(fixed));
+    if all <= enough {
+        return None;
+    }
+    let worth = match limits.a_point {
+        Some(a_point) => HALVING * a_point,
+        None => {
+            let mut variances: Vec<f64> = cells.iter().filter(|c| c.divisible()).map(variance).collect();
+            variances.sort_unstable_by(|a, b| b.total_cmp(a));
+            let least = LEAST * variances.first()?;
+            let mut left = all;
+            let cut = variances.into_iter().take_while(|v| {
+                let more = left > enough && *v > least;
+                left -= TAKEN * v;
+                more
+            });
+            // The least that is still cut.
+            cut.last()?
+        }
+    };
+    let cut = |cell: &Cell| {
+        let e = cell.error?;
+        let times = e.variance / worth;
+        (cell.divisible() && times >= 1.0).then(|| Cut {
+            times: (libm::log(times) / libm::log(TWICE)).min(f64::from(GO - 1)) as u32 + 1,
+            upright: cell.upright(e.across, e.down),
+        })
+    };
+    let cuts: Vec<_> = cells.iter().map(cut).collect();
+    cuts.iter().any(Option::is_some).then_some(cuts)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::sampling::cells::{Cells, Index};
+    use crate::trace::record::NONE;
+
+    /// Four cells of such variances.
+    fn quarters(variances: [f64; 4]) -> Vec<Cell> {
+        let mut cells = Cells::new(0, [(DVec3::ZERO, NONE); 4]);
+        cells.cut(&[Some(Cut { times: 2, upright: true })], &mut Index::default());
+        let error = |variance| Some(Error { variance, across: 1.0, ..Error::default() });
+        cells.cells.iter_mut().zip(variances).for_each(|(c, v)| c.error = error(v));
+        cells.cells
+    }
+
+    #[test]
+    fn what_is_worth_it_is_cut() {
+        let limits = Limits { enough: 1e-9, a_point: Some(1e-6) };
+        let cuts = next(&quarters([1e-5, 1e-7, 1e-1, 0.0]), 0.0, limits).expect("cuts");
+        assert_eq!(cuts.iter().map(|c| c.map(|c| c.times)).collect::<Vec<_>>(), [Some(1), None, Some(4), None]);
+        assert!(cuts.iter().flatten().all(|c| c.upright));
+    }
+
+    #[test]
+    fn it_ends_where_nothing_is_worth_a_point_or_all_is_enough() {
+        let found = quarters([1e-7; 4]);
+        assert_eq!(next(&found, 0.0, Limits { enough: 1e-5, a_point: None }), None);
+        assert_eq!(next(&found, 0.0, Limits { enough: 1e-9, a_point: Some(1e-3) }), None);
+    }
+
+    #[test]
+    fn what_no_point_takes_off_is_not_chased() {
+        let limits = Limits { enough: 1e-6, a_point: None };
+        assert_eq!(next(&quarters([1e-5; 4]), 1e-2, limits), None);
+        assert_eq!(next(&quarters([0.0; 4]), 1e-2, limits), None);
+    }
+
+    #[test]
+    fn towards_what_is_enough_the_worst_are_cut() {
+        let limits = Limits { enough: 1e-4, a_point: None };
+        let cuts = next(&quarters([2e-5, 1e-3, 1e-5, 1e-5]), 0.0, limits).expect("cuts");
+        assert!(cuts[1].is_some() && cuts[2].is_none() && cuts[3].is_none(), "{cuts:?}");
+    }
+
+    #[test]
+    fn it_always_goes_on_until_then() {
+        for a_point in [None, Some(1e-9), Some(1e-4)] {
+            let limits = Limits { enough: 1e-6, a_point };
+            let mut cells = Cells::new(0, [(DVec3::ZERO, NONE); 4]);
+            let (mut index, mut rounds) = (Index::default(), 0);
+            loop {
+                // However much is done, errors are beyond all measure.
+                cells.cells.iter_mut().for_each(|c| c.error = Some(Error { variance: 1e9, ..Error::default() }));
+                let Some(cuts) = next(&cells.cells, 0.5, limits) else { break };
+                cells.cut(&cuts, &mut index);
+                rounds += 1;
+                assert!(rounds <= 20);
+            }
+        }
+    }
+}
