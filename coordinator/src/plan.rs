@@ -64,7 +64,7 @@ const LOOKS: u32 = 2;
 /// The share of the error asked for that is aimed at after a whole picture: estimates err.
 const AIM: f64 = 0.9;
 /// What is aimed at after a look is less by this share, and by what is in doubt.
-const SURE: f64 = 0.04;
+const SURE: f64 = 0.06;
 /// And no less than this share.
 const LEAST_AIM: f64 = 0.75;
 /// Errors fall with the tolerance to about this power, over the scenes measured.

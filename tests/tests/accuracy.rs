@@ -324,7 +324,7 @@ fn every_pixel_of_a_final_picture_keeps_to_its_tolerance() {
     for (name, document) in scenes {
         let truth = uniformly(&document, 64, size);
         let (pixels, sigma, _) = by(&document, 0.25, true, size);
-        // Cells end at 1/1024 of a pixel, and at 4,096 points.
+        // Cells end at 1/1024 of a pixel, and where there are 2,048 of them.
         let kept = sigma.iter().filter(|s| **s <= 0.2501 / 255.0).count() as f64 / sigma.len() as f64;
         let close = |(p, t): (&[f32; 3], &[f32; 3])| (0..3).all(|k| (p[k] - t[k]).abs() <= 1.0 / 255.0);
         let within = pixels.iter().zip(&truth).filter(|pair| close(*pair)).count() as f64 / sigma.len() as f64;

@@ -113,7 +113,7 @@ pub(crate) fn render(
         whole: Vec::new(),
         found: Vec::new(),
         shared: Index::default(),
-        index: Index::with_capacity_and_hasher(1 << 13, Default::default()),
+        index: Index::default(),
         scratch,
         counts: RayCounts::default(),
     };
@@ -278,6 +278,8 @@ impl Block<'_> {
             && work.hidden <= self.limit(0, work.rays).max(CLEAN * work.jump())
             && work.gaps <= self.limit(0, work.rays)
             && work.slope <= self.limit(0, work.rays)
+            // An edge says nothing of a picture beside it.
+            && !pictured
             && work.strata.as_ref().is_none_or(|s| s.parts.is_empty())
             && let Some(look) = own.single(&mut self.lights)
             && self.fit(work, look)

@@ -3,7 +3,7 @@
 //! A cell's mean is taken to be that of its corners, and how far they are apart tells how far that
 //! may be off. Where it is worth it a cell is halved, so that points gather where edges are
 //! (Whitted, *An improved illumination model for shaded display*, CACM 23(6), 1980). Corners serve
-//! all cells that they touch, and the neighbouring pixels.
+//! all cells that they touch, and often the neighbouring pixels.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -16,15 +16,12 @@ use super::lattice::UNIT;
 use crate::trace::record::NONE;
 use crate::trace::{PlanePoint, mix};
 
-/// The shortest side of a cell that is halved, in lattice units.
+/// The shortest side of a cell, in lattice units.
 const SHORTEST: u16 = UNIT as u16 / 1024;
 
 /// The share of a cell's variance that its halves are taken to have at least: where everything differs, some
 /// corners are alike by chance.
 const INHERITED: f64 = 0.5;
-
-/// Differences along an edge that is taken to run along an axis, as a share of those across it, in squares.
-const ALONG: f64 = 1.0 / 64.0;
 
 /// Places of points by a number that stands for each.
 pub(super) type Index = HashMap<u64, u32, BuildHasherDefault<Mixed>>;
@@ -115,10 +112,6 @@ impl Cell {
     /// left to right and from top to bottom.
     pub(super) fn upright(&self, across: f64, down: f64) -> bool {
         let (w, h) = (f64::from(self.width), f64::from(self.height));
-        // An edge along an axis: all cells that it passes would err alike, so they had better be few.
-        if across < ALONG * down || down < ALONG * across {
-            return across > down;
-        }
         if w > 2.0 * h || h > 2.0 * w {
             return w > h;
         }
@@ -133,6 +126,9 @@ pub(super) struct Cut {
     pub(super) times: u32,
     /// Whether first into a left and a right half.
     pub(super) upright: bool,
+    /// Whether always the same way: an edge along an axis makes all cells that it passes err alike, so they had
+    /// better be few.
+    pub(super) along: bool,
 }
 
 /// The cells of a pixel, side by side.
@@ -144,6 +140,9 @@ pub(super) struct Cells {
     fresh: usize,
     /// Answers awaited: the point, and where its answer will be.
     pub(super) asked: Vec<(u32, u32)>,
+    /// Of every small thing that was seen, how far the nearest of so many points is from what it shows.
+    pub(super) near: Vec<f64>,
+    pub(super) compared: usize,
     /// Whether answers are whole paths.
     pub(super) whole: bool,
     /// The number that stands for this pixel.
@@ -172,7 +171,7 @@ impl Cells {
                 None => self.cells.push(cell),
                 Some(cut) => {
                     let inherited = cell.error.map_or(0.0, |e| e.spread);
-                    self.halve(Cell { inherited, error: None, ..cell }, cut.times, cut.upright, index);
+                    self.halve(Cell { inherited, error: None, ..cell }, *cut, index);
                 }
             }
         }
@@ -186,15 +185,15 @@ impl Cells {
         fresh
     }
 
-    fn halve(&mut self, cell: Cell, times: u32, upright: bool, index: &mut Index) {
-        if times == 0 || !cell.divisible() {
+    fn halve(&mut self, cell: Cell, cut: Cut, index: &mut Index) {
+        if cut.times == 0 || !cell.divisible() {
             self.cells.push(cell);
             return;
         }
         let cell = Cell { inherited: INHERITED * cell.inherited, ..cell };
         let [a, b, c, d] = cell.corners;
         let (w, h) = (cell.width / 2, cell.height / 2);
-        let (one, other) = if upright {
+        let (one, other) = if cut.upright {
             let top = self.point(cell.x + w, cell.y, index);
             let bottom = self.point(cell.x + w, cell.y + cell.height, index);
             (
@@ -210,7 +209,8 @@ impl Cells {
             )
         };
         for half in [one, other] {
-            self.halve(half, times - 1, half.upright(0.0, 0.0), index);
+            let upright = if cut.along { cut.upright } else { half.upright(0.0, 0.0) };
+            self.halve(half, Cut { times: cut.times - 1, upright, ..cut }, index);
         }
     }
 
@@ -236,9 +236,9 @@ mod tests {
     #[test]
     fn cells_cover_the_pixel() {
         let (mut cells, mut index) = (pixel(), Index::default());
-        cells.cut(&[Some(Cut { times: 2, upright: true })], &mut index);
+        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })], &mut index);
         assert_eq!((cells.cells.len(), cells.points.len()), (4, 9));
-        cells.cut(&[None, Some(Cut { times: 3, upright: false }), None, None], &mut index);
+        cells.cut(&[None, Some(Cut { times: 3, upright: false, along: false }), None, None], &mut index);
         assert_eq!(cells.cells.len(), 11);
         assert_eq!(cells.cells.iter().map(Cell::area).sum::<f64>(), 1.0);
     }
@@ -246,12 +246,12 @@ mod tests {
     #[test]
     fn cells_that_touch_share_points() {
         let (mut cells, mut index) = (pixel(), Index::default());
-        cells.cut(&[Some(Cut { times: 1, upright: true })], &mut index);
+        cells.cut(&[Some(Cut { times: 1, upright: true, along: false })], &mut index);
         assert_eq!(cells.points.len(), 6);
-        cells.cut(&[Some(Cut { times: 1, upright: false }), None], &mut index);
+        cells.cut(&[Some(Cut { times: 1, upright: false, along: false }), None], &mut index);
         assert_eq!(cells.points.len(), 8);
         // The side between the halves is known in its middle.
-        cells.cut(&[None, None, Some(Cut { times: 1, upright: false })], &mut index);
+        cells.cut(&[None, None, Some(Cut { times: 1, upright: false, along: false })], &mut index);
         assert_eq!(cells.points.len(), 9);
     }
 
@@ -261,7 +261,7 @@ mod tests {
         for _ in 0..40 {
             // Always the first cell alone.
             let mut cuts = vec![None; cells.cells.len()];
-            cuts[0] = Some(Cut { times: 1, upright: cells.cells[0].upright(0.0, 0.0) });
+            cuts[0] = Some(Cut { times: 1, upright: cells.cells[0].upright(0.0, 0.0), along: false });
             cells.cut(&cuts, &mut index);
         }
         assert!(!cells.cells[0].divisible());

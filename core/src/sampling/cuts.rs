@@ -2,17 +2,17 @@
 
 use super::cells::{Cell, Cut};
 
-/// Rays by which halving a cell has paid when its variance is that of so many times what a ray must
-/// take off: two points, of which some are shared, that take off a half.
+/// A cell is worth halving where its variance is so many times what a point must take off: that takes two
+/// points, of which some are shared, and takes off a half or more.
 const HALVING: f64 = 4.0;
 /// A cell is halved twice in one go where it is worth it so many times, and once more for every further time.
 const TWICE: f64 = 16.0;
 /// Halvings in one go at most.
 const GO: u32 = 4;
-/// The share of a cell's variance that its halves are expected to take off.
-const TAKEN: f64 = 0.6;
-/// Cells of less than this share of the largest variance wait until that has fallen.
-const LEAST: f64 = 1.0 / 16.0;
+/// Where a pixel has more cells, none is halved.
+const MOST: usize = 2048;
+/// Differences along an edge that is taken to run along an axis, as a share of those across it, in squares.
+const ALONG: f64 = 1.0 / 64.0;
 /// The least part of what is enough, or fixed, that variances are brought down to.
 const PART: f64 = 0.1;
 
@@ -40,34 +40,33 @@ pub(super) struct Limits {
 /// done.
 pub(super) fn next(cells: &[Cell], fixed: f64, limits: Limits) -> Option<Vec<Option<Cut>>> {
     let variance = |cell: &Cell| cell.error.map_or(0.0, |e| e.variance);
-    let all: f64 = cells.iter().map(variance).sum();
+    let sum = |divisible: bool| cells.iter().filter(move |c| c.divisible() == divisible).map(variance).sum::<f64>();
+    let (all, fixed) = (sum(true), fixed + sum(false));
     // What is fixed may be more than enough: then the rest need not be less than a part of it.
     let enough = (limits.enough - fixed).max(PART * limits.enough.max(fixed));
-    if all <= enough {
+    let go = GO.min((MOST / cells.len()).checked_ilog2()?);
+    if all <= enough || go == 0 {
         return None;
     }
     let worth = match limits.a_point {
         Some(a_point) => HALVING * a_point,
         None => {
-            let mut variances: Vec<f64> = cells.iter().filter(|c| c.divisible()).map(variance).collect();
-            variances.sort_unstable_by(|a, b| b.total_cmp(a));
-            let least = LEAST * variances.first()?;
-            let mut left = all;
-            let cut = variances.into_iter().take_while(|v| {
-                let more = left > enough && *v > least;
-                left -= TAKEN * v;
-                more
-            });
-            // The least that is still cut.
-            cut.last()?
+            // Halved t times, a cell leaves variances of a 4^t-th of its own, in all a 2^t-th. If all are brought
+            // down to the same, that is enough where they are these. Towards that it goes half the way at a time, for
+            // errors may fall faster.
+            let roots: f64 = cells.iter().filter(|c| c.divisible()).map(|c| variance(c).sqrt()).sum();
+            let each = enough / roots;
+            each * each
         }
     };
+    let along = |e: &Error| e.across < ALONG * e.down || e.down < ALONG * e.across;
     let cut = |cell: &Cell| {
         let e = cell.error?;
         let times = e.variance / worth;
         (cell.divisible() && times >= 1.0).then(|| Cut {
-            times: (libm::log(times) / libm::log(TWICE)).min(f64::from(GO - 1)) as u32 + 1,
-            upright: cell.upright(e.across, e.down),
+            times: (libm::log(times) / libm::log(TWICE)).min(f64::from(go - 1)) as u32 + 1,
+            upright: if along(&e) { e.across > e.down } else { cell.upright(e.across, e.down) },
+            along: along(&e),
         })
     };
     let cuts: Vec<_> = cells.iter().map(cut).collect();
@@ -85,7 +84,7 @@ mod tests {
     /// Four cells of such variances.
     fn quarters(variances: [f64; 4]) -> Vec<Cell> {
         let mut cells = Cells::new(0, [(DVec3::ZERO, NONE); 4]);
-        cells.cut(&[Some(Cut { times: 2, upright: true })], &mut Index::default());
+        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })], &mut Index::default());
         let error = |variance| Some(Error { variance, across: 1.0, ..Error::default() });
         cells.cells.iter_mut().zip(variances).for_each(|(c, v)| c.error = error(v));
         cells.cells
@@ -114,10 +113,10 @@ mod tests {
     }
 
     #[test]
-    fn towards_what_is_enough_the_worst_are_cut() {
+    fn towards_what_is_enough_all_are_brought_down_to_the_same() {
         let limits = Limits { enough: 1e-4, a_point: None };
-        let cuts = next(&quarters([2e-5, 1e-3, 1e-5, 1e-5]), 0.0, limits).expect("cuts");
-        assert!(cuts[1].is_some() && cuts[2].is_none() && cuts[3].is_none(), "{cuts:?}");
+        let cuts = next(&quarters([1e-7, 1e-3, 1e-5, 1e-7]), 0.0, limits).expect("cuts");
+        assert_eq!(cuts.iter().map(|c| c.map(|c| c.times)).collect::<Vec<_>>(), [None, Some(2), Some(1), None]);
     }
 
     #[test]

@@ -107,15 +107,11 @@ impl Difference {
         }
     }
 
-    fn at(&self, lights: u32) -> Look {
-        Look { from: self.from, last: self.last, lights }
-    }
-
     /// A look at all that differs.
     pub(super) fn look(&self, lights: &mut Vec<u64>) -> Look {
         let at = lights.len() as u32;
         lights.extend_from_slice(&self.lights);
-        self.at(at)
+        Look { from: self.from, last: self.last, lights: at }
     }
 
     /// A look at the only thing that differs: what is met at one depth, or a light.

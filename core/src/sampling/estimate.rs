@@ -52,8 +52,8 @@ impl Estimate {
 }
 
 impl Work {
-    /// How often halving a pixel whose corners are no exception would be worth it, less one: what a point
-    /// must take off to be worth it, if that counts, else the variance that is enough.
+    /// How often halving a pixel whose corners are no exception would be worth it, less one. Takes the variance
+    /// that a point must take off to be worth it, if that counts, and the variance that is enough.
     pub(super) fn foreseen(&self, (a_point, enough): (Option<f64>, f64)) -> f64 {
         let variance = SPREAD * spread(&[0, 1, 2, 3].map(|k| self.views[k].open));
         // A halving leaves a quarter of a cell's variance to each half, and half of the pixel's.
@@ -70,7 +70,7 @@ impl Work {
         }
         let Some(strata) = self.strata.as_ref().filter(|s| !s.parts.is_empty()) else {
             let views: Vec<DVec3> = self.views[4..].iter().map(|v| v.open).collect();
-            self.judge(cells, |p, _| p.open, &views, !views.is_empty() || self.strata.is_some());
+            self.judge(cells, |p, _| p.open, &views, self.strata.is_some());
             return Estimate { parts: None, fixed: self.still };
         };
         let parts = self.parts(cells, strata);
@@ -108,16 +108,25 @@ impl Work {
     /// Notes the errors of the cells, of those that are new or of `all`: from what is left at points and views
     /// when means are taken off.
     fn judge(&self, cells: &mut Cells, rest: impl Fn(&Point, usize) -> DVec3, views: &[DVec3], all: bool) {
-        let Cells { cells, points, .. } = cells;
+        let Cells { cells, points, near, compared, .. } = cells;
+        if all || near.is_empty() {
+            (*near, *compared) = (views.iter().map(|r| rms(*r)).collect(), 0);
+        }
+        for v in &self.views[4..] {
+            if let Some(cell) = cells.iter_mut().find(|c| c.contains(v.at)) {
+                cell.error = None;
+            }
+        }
         let rest = |k: u32| rest(&points[k as usize], k as usize);
         for cell in cells.iter_mut().filter(|c| all || c.error.is_none()) {
             cell.error = Some(self.error(cell, cell.corners.map(rest)));
         }
         // Small things that were seen, but by no point.
-        for (v, r) in self.views[4..].iter().zip(views) {
-            let near = (0..points.len() as u32).map(|k| rms(rest(k) - *r)).fold(rms(*r), f64::min);
+        let new = std::mem::replace(compared, points.len())..points.len();
+        for ((v, r), near) in self.views[4..].iter().zip(views).zip(near) {
+            *near = new.clone().map(|k| rms(rest(k as u32) - *r)).fold(*near, f64::min);
             if let Some(error) = cells.iter_mut().find(|c| c.contains(v.at)).and_then(|c| c.error.as_mut()) {
-                let e = near * v.area;
+                let e = *near * v.area;
                 error.variance += e * e;
             }
         }
@@ -134,7 +143,9 @@ impl Work {
         };
         let unseen = self.hidden * found(hides) + self.gaps * found(SPOTS);
         let [a, b, c, d] = corners;
-        let spread = spread(&corners).max(cell.inherited);
+        let spread = spread(&corners);
+        // Written so that NaN is never sure.
+        let spread = if spread < cell.inherited { cell.inherited } else { spread };
         Error {
             variance: SPREAD * area * area * spread + unseen,
             spread,

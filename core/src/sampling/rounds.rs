@@ -18,8 +18,6 @@ const CROWDED: u32 = 4;
 /// at most: points that are traced together cost less.
 const BUSY: f64 = 0.7;
 const FORESEEN: f64 = 6.0;
-/// The most points of a pixel.
-const MOST: usize = 4096;
 /// Points by which an edge is tried.
 const TRIALS: u32 = 6;
 
@@ -132,15 +130,13 @@ impl Block<'_> {
             let limits = (self.a_point(work), self.tolerance * self.tolerance);
             times = times.max(work.foreseen(limits).min(FORESEEN) as u32);
             // Among so much else, outlines of what is seen first tell little.
-            if work.strata.is_some() {
-                self.look_at_all(work, self.all_rays(work));
-            }
+            work.strata = None;
         }
         // A pixel may begin anew, with other answers.
         let name = work.pixel | usize::from(work.again) << 16;
         let mut cells = Cells::new(name, [0, 1, 2, 3].map(|k| (work.views[k].open, work.views[k].seen.first)));
         cells.whole = work.wants_whole_paths();
-        cells.cut(&[Some(Cut { times, upright: true })], &mut self.index);
+        cells.cut(&[Some(Cut { times, upright: true, along: false })], &mut self.index);
         self.ask_fresh(work, &mut cells);
         work.how = How::Cells(cells);
     }
@@ -197,7 +193,7 @@ impl Block<'_> {
         let estimate = work.estimate(&mut cells, self.tracer);
         let limits = Limits { enough: self.tolerance * self.tolerance, a_point: self.a_point(work) };
         let cuts = cuts::next(&cells.cells, estimate.fixed, limits);
-        let Some(cuts) = cuts.filter(|_| cells.points.len() < MOST) else {
+        let Some(cuts) = cuts else {
             self.finish(work.pixel, estimate.value(work, &cells), estimate.variance(&cells));
             return true;
         };

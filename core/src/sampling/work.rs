@@ -97,13 +97,12 @@ pub(super) struct Work {
     pub(super) look: Look,
     /// Of what all paths meet up to `look.last`.
     pub(super) hash: u64,
-    /// The value of what is not looked at.
+    /// The value of what is not looked at, and its variance.
     pub(super) base: DVec3,
+    pub(super) still: f64,
     /// Rays of a look.
     pub(super) rays: f64,
     pub(super) strata: Option<Strata>,
-    /// Variance of that.
-    pub(super) still: f64,
     /// Variance of what varies between where a part is and where it was seen.
     pub(super) slope: f64,
     /// Variance of what may hide between the corners.
