@@ -14,7 +14,7 @@ const SPREAD: f64 = 0.35;
 /// Of what hides, so many cells of a size are likely to show the most.
 const HIDES: f64 = 0.6;
 /// The same where every pixel is to keep to the tolerance.
-const THOROUGH: f64 = 4.0;
+const THOROUGH: f64 = 2.0;
 /// The same of a spot of light between shadows.
 const SPOTS: f64 = 4.0;
 
