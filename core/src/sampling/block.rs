@@ -80,8 +80,6 @@ pub(super) struct Block<'a> {
     pub(super) found: Vec<Sample>,
     /// Places among both of points that pixels share.
     pub(super) shared: Index,
-    /// Places of points in their pixels' lists.
-    pub(super) index: Index,
     pub(super) scratch: &'a mut WaveScratch,
     pub(super) counts: RayCounts,
 }
@@ -113,7 +111,6 @@ pub(crate) fn render(
         whole: Vec::new(),
         found: Vec::new(),
         shared: Index::default(),
-        index: Index::default(),
         scratch,
         counts: RayCounts::default(),
     };

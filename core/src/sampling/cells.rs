@@ -145,33 +145,34 @@ pub(super) struct Cells {
     pub(super) compared: usize,
     /// Whether answers are whole paths.
     pub(super) whole: bool,
-    /// The number that stands for this pixel.
-    pixel: u64,
+    /// Places of points by their coordinates. Every pixel has its own: small ones stay at hand.
+    index: Index,
 }
 
 impl Cells {
     /// A pixel of which the corners are known, clockwise from the upper left one: what they show, and what
-    /// they meet first. `pixel` tells it from others in the index.
-    pub(super) fn new(pixel: usize, corners: [(DVec3, u32); 4]) -> Self {
+    /// they meet first.
+    pub(super) fn new(corners: [(DVec3, u32); 4]) -> Self {
         let unit = UNIT as u16;
         let places = [(0, 0), (unit, 0), (unit, unit), (0, unit)];
         let points = places.into_iter().zip(corners);
         let points = points.map(|((x, y), (open, first))| Point { x, y, open, first }).collect();
         let root = Cell { x: 0, y: 0, width: unit, height: unit, corners: [0, 1, 2, 3], inherited: 0.0, error: None };
-        Self { cells: vec![root], points, fresh: 4, pixel: pixel as u64, ..Self::default() }
+        Self { cells: vec![root], points, fresh: 4, ..Self::default() }
     }
 
     /// Halves cells as `cuts` says of each.
-    pub(super) fn cut(&mut self, cuts: &[Option<Cut>], index: &mut Index) {
+    pub(super) fn cut(&mut self, cuts: &[Option<Cut>]) {
         let more: usize = cuts.iter().flatten().map(|cut| 1 << cut.times).sum();
         let old = std::mem::replace(&mut self.cells, Vec::with_capacity(cuts.len() + more));
         self.points.reserve(more + more / 2);
+        self.index.reserve(more + more / 2);
         for (cell, cut) in old.into_iter().zip(cuts) {
             match cut {
                 None => self.cells.push(cell),
                 Some(cut) => {
                     let inherited = cell.error.map_or(0.0, |e| e.spread);
-                    self.halve(Cell { inherited, error: None, ..cell }, *cut, index);
+                    self.halve(Cell { inherited, error: None, ..cell }, *cut);
                 }
             }
         }
@@ -185,7 +186,7 @@ impl Cells {
         fresh
     }
 
-    fn halve(&mut self, cell: Cell, cut: Cut, index: &mut Index) {
+    fn halve(&mut self, cell: Cell, cut: Cut) {
         if cut.times == 0 || !cell.divisible() {
             self.cells.push(cell);
             return;
@@ -194,15 +195,15 @@ impl Cells {
         let [a, b, c, d] = cell.corners;
         let (w, h) = (cell.width / 2, cell.height / 2);
         let (one, other) = if cut.upright {
-            let top = self.point(cell.x + w, cell.y, index);
-            let bottom = self.point(cell.x + w, cell.y + cell.height, index);
+            let top = self.point(cell.x + w, cell.y);
+            let bottom = self.point(cell.x + w, cell.y + cell.height);
             (
                 Cell { width: w, corners: [a, top, bottom, d], ..cell },
                 Cell { x: cell.x + w, width: w, corners: [top, b, c, bottom], ..cell },
             )
         } else {
-            let left = self.point(cell.x, cell.y + h, index);
-            let right = self.point(cell.x + cell.width, cell.y + h, index);
+            let left = self.point(cell.x, cell.y + h);
+            let right = self.point(cell.x + cell.width, cell.y + h);
             (
                 Cell { height: h, corners: [a, b, right, left], ..cell },
                 Cell { y: cell.y + h, height: h, corners: [left, right, c, d], ..cell },
@@ -210,14 +211,14 @@ impl Cells {
         };
         for half in [one, other] {
             let upright = if cut.along { cut.upright } else { half.upright(0.0, 0.0) };
-            self.halve(half, Cut { times: cut.times - 1, upright, ..cut }, index);
+            self.halve(half, Cut { times: cut.times - 1, upright, ..cut });
         }
     }
 
     /// The point at (x, y).
-    fn point(&mut self, x: u16, y: u16, index: &mut Index) -> u32 {
+    fn point(&mut self, x: u16, y: u16) -> u32 {
         let new = self.points.len() as u32;
-        let at = *index.entry(self.pixel << 32 | u64::from(x) << 16 | u64::from(y)).or_insert(new);
+        let at = *self.index.entry(u64::from(x) << 16 | u64::from(y)).or_insert(new);
         if at == new {
             self.points.push(Point { x, y, open: DVec3::ZERO, first: NONE });
         }
@@ -230,39 +231,39 @@ mod tests {
     use super::*;
 
     fn pixel() -> Cells {
-        Cells::new(7, [(DVec3::ZERO, NONE); 4])
+        Cells::new([(DVec3::ZERO, NONE); 4])
     }
 
     #[test]
     fn cells_cover_the_pixel() {
-        let (mut cells, mut index) = (pixel(), Index::default());
-        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })], &mut index);
+        let mut cells = pixel();
+        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })]);
         assert_eq!((cells.cells.len(), cells.points.len()), (4, 9));
-        cells.cut(&[None, Some(Cut { times: 3, upright: false, along: false }), None, None], &mut index);
+        cells.cut(&[None, Some(Cut { times: 3, upright: false, along: false }), None, None]);
         assert_eq!(cells.cells.len(), 11);
         assert_eq!(cells.cells.iter().map(Cell::area).sum::<f64>(), 1.0);
     }
 
     #[test]
     fn cells_that_touch_share_points() {
-        let (mut cells, mut index) = (pixel(), Index::default());
-        cells.cut(&[Some(Cut { times: 1, upright: true, along: false })], &mut index);
+        let mut cells = pixel();
+        cells.cut(&[Some(Cut { times: 1, upright: true, along: false })]);
         assert_eq!(cells.points.len(), 6);
-        cells.cut(&[Some(Cut { times: 1, upright: false, along: false }), None], &mut index);
+        cells.cut(&[Some(Cut { times: 1, upright: false, along: false }), None]);
         assert_eq!(cells.points.len(), 8);
         // The side between the halves is known in its middle.
-        cells.cut(&[None, None, Some(Cut { times: 1, upright: false, along: false })], &mut index);
+        cells.cut(&[None, None, Some(Cut { times: 1, upright: false, along: false })]);
         assert_eq!(cells.points.len(), 9);
     }
 
     #[test]
     fn halving_ends() {
-        let (mut cells, mut index) = (pixel(), Index::default());
+        let mut cells = pixel();
         for _ in 0..40 {
             // Always the first cell alone.
             let mut cuts = vec![None; cells.cells.len()];
             cuts[0] = Some(Cut { times: 1, upright: cells.cells[0].upright(0.0, 0.0), along: false });
-            cells.cut(&cuts, &mut index);
+            cells.cut(&cuts);
         }
         assert!(!cells.cells[0].divisible());
         assert_eq!(cells.cells.len(), 20);

@@ -78,13 +78,13 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::sampling::cells::{Cells, Index};
+    use crate::sampling::cells::Cells;
     use crate::trace::record::NONE;
 
     /// Four cells of such variances.
     fn quarters(variances: [f64; 4]) -> Vec<Cell> {
-        let mut cells = Cells::new(0, [(DVec3::ZERO, NONE); 4]);
-        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })], &mut Index::default());
+        let mut cells = Cells::new([(DVec3::ZERO, NONE); 4]);
+        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })]);
         let error = |variance| Some(Error { variance, across: 1.0, ..Error::default() });
         cells.cells.iter_mut().zip(variances).for_each(|(c, v)| c.error = error(v));
         cells.cells
@@ -123,13 +123,13 @@ mod tests {
     fn it_always_goes_on_until_then() {
         for a_point in [None, Some(1e-9), Some(1e-4)] {
             let limits = Limits { enough: 1e-6, a_point };
-            let mut cells = Cells::new(0, [(DVec3::ZERO, NONE); 4]);
-            let (mut index, mut rounds) = (Index::default(), 0);
+            let mut cells = Cells::new([(DVec3::ZERO, NONE); 4]);
+            let mut rounds = 0;
             loop {
                 // However much is done, errors are beyond all measure.
                 cells.cells.iter_mut().for_each(|c| c.error = Some(Error { variance: 1e9, ..Error::default() }));
                 let Some(cuts) = next(&cells.cells, 0.5, limits) else { break };
-                cells.cut(&cuts, &mut index);
+                cells.cut(&cuts);
                 rounds += 1;
                 assert!(rounds <= 20);
             }

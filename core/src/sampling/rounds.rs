@@ -132,11 +132,9 @@ impl Block<'_> {
             // Among so much else, outlines of what is seen first tell little.
             work.strata = None;
         }
-        // A pixel may begin anew, with other answers.
-        let name = work.pixel | usize::from(work.again) << 16;
-        let mut cells = Cells::new(name, [0, 1, 2, 3].map(|k| (work.views[k].open, work.views[k].seen.first)));
+        let mut cells = Cells::new([0, 1, 2, 3].map(|k| (work.views[k].open, work.views[k].seen.first)));
         cells.whole = work.wants_whole_paths();
-        cells.cut(&[Some(Cut { times, upright: true, along: false })], &mut self.index);
+        cells.cut(&[Some(Cut { times, upright: true, along: false })]);
         self.ask_fresh(work, &mut cells);
         work.how = How::Cells(cells);
     }
@@ -185,7 +183,6 @@ impl Block<'_> {
         if astray {
             // Something was met that no corner shows: nothing is known to be the same everywhere.
             self.look_at_all(work, self.all_rays(work));
-            work.again = true;
             self.begin(work);
             return false;
         }
@@ -197,7 +194,7 @@ impl Block<'_> {
             self.finish(work.pixel, estimate.value(work, &cells), estimate.variance(&cells));
             return true;
         };
-        cells.cut(&cuts, &mut self.index);
+        cells.cut(&cuts);
         self.ask_fresh(work, &mut cells);
         work.how = How::Cells(cells);
         false

@@ -120,8 +120,6 @@ pub(super) struct Work {
     pub(super) how: How,
     /// Whether the pixel is to keep to the tolerance.
     pub(super) thorough: bool,
-    /// Whether it was begun anew.
-    pub(super) again: bool,
 }
 
 impl PlanePoint {
@@ -156,7 +154,6 @@ impl Work {
             mirrored_gaps: false,
             how: How::Closed,
             thorough: false,
-            again: false,
         }
     }
 
