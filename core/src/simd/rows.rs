@@ -41,9 +41,9 @@ impl<'a, const N: usize> Rows<'a, N> {
         spread
     }
 
-    /// The `i`-th number of the last row.
+    /// The `i`-th number of row `k`.
     #[inline(always)]
-    pub(crate) fn last(&self, i: usize) -> f32 {
-        self.numbers[(N - 1) * self.count + i]
+    pub(crate) fn at(&self, k: usize, i: usize) -> f32 {
+        self.numbers[k * self.count + i]
     }
 }

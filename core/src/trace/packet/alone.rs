@@ -7,7 +7,7 @@
 use super::leaf::id;
 use super::meet::{Meeting, Sphere, Triangle, meet_sphere, meet_triangle};
 use super::walk::Journey;
-use super::{Doubt, INSIDE, NONE, Visit};
+use super::{Doubt, INSIDE, NONE, Spot, Visit};
 use crate::bvh::{Child, Link, WIDTH};
 use crate::simd::{Floats, LANES, Mask, Octet, Simd, Single};
 
@@ -210,7 +210,8 @@ impl<S: Simd> Journey<'_, S> {
             }
             let (sure, inside) = (Mask::from(met.sure >> i & 1) << lane, Mask::from(met.inside >> i & 1) << lane);
             let (lo, hi) = (S::Single::splat(met.lo[i]), S::Single::splat(met.hi[i]));
-            visitor.visit(id, Meeting { may: 1 << lane, sure, lo, hi, inside }, doubts);
+            let spot = Some(Spot { leaf, place: i });
+            visitor.visit(id, spot, Meeting { may: 1 << lane, sure, lo, hi, inside }, doubts);
         }
     }
 }

@@ -70,5 +70,5 @@ impl<const N: usize> Leaves<N> {
 /// The id of the `i`-th object of a leaf, which its last number stands for.
 #[inline(always)]
 pub(super) fn id<const N: usize>(leaf: &Rows<'_, N>, i: usize) -> u32 {
-    leaf.last(i).tag()
+    leaf.at(N - 1, i).tag()
 }

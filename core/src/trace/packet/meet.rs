@@ -209,6 +209,11 @@ impl<F: Floats> Triangle<F> {
     pub(super) fn one(rows: &[[f32; MOST]; TRIANGLE], i: usize) -> Self {
         triangle!(k => F::splat(rows[k][i % MOST]))
     }
+
+    #[inline(always)]
+    pub(super) fn lone(leaf: &Rows<'_, TRIANGLE>, i: usize) -> Self {
+        triangle!(k => F::splat(leaf.at(k, i)))
+    }
 }
 
 impl<F: Octet> Triangle<F> {
@@ -222,6 +227,11 @@ impl<F: Floats> Sphere<F> {
     #[inline(always)]
     pub(super) fn one(rows: &[[f32; MOST]; SPHERE], i: usize) -> Self {
         sphere!(k => F::splat(rows[k][i % MOST]))
+    }
+
+    #[inline(always)]
+    pub(super) fn lone(leaf: &Rows<'_, SPHERE>, i: usize) -> Self {
+        sphere!(k => F::splat(leaf.at(k, i)))
     }
 }
 

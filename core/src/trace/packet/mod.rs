@@ -18,7 +18,7 @@ mod meet;
 mod walk;
 
 use super::filter::Filter;
-use crate::bvh::Wide;
+use crate::bvh::{Child, Wide};
 use crate::simd::{Floats, LANES, Mask, Simd, Single};
 pub(crate) use leaf::Leaves;
 use meet::Meeting;
@@ -103,11 +103,23 @@ pub(crate) fn lanes(mut mask: Mask) -> impl Iterator<Item = usize> {
         })
     })
 }
-/// What to do with meetings; `true` ends the walk.
+/// Where an object of a leaf is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spot {
+    leaf: Child,
+    place: usize,
+}
+
+/// What to do with meetings.
 trait Visit<S: Simd> {
     fn bound(&self) -> S::Single;
     fn active(&self) -> Mask;
-    fn visit(&mut self, id: u32, m: Meeting<S::Single>, walk: &mut Vec<Doubt>);
+    /// Object `id` is met, which is at `spot` if it is in a leaf.
+    fn visit(&mut self, id: u32, spot: Option<Spot>, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>);
+    /// What to look at before all leaves.
+    fn first(&self) -> Option<Spot> {
+        None
+    }
 }
 
 struct Nearest<S: Simd> {
@@ -127,7 +139,7 @@ impl<S: Simd> Visit<S> for Nearest<S> {
         self.active
     }
     #[inline(always)]
-    fn visit(&mut self, id: u32, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
+    fn visit(&mut self, id: u32, _: Option<Spot>, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
         let may = m.may & !self.hi.lt(m.lo);
         if may == 0 {
             return;
@@ -161,12 +173,13 @@ fn push_doubts<S: Simd>(id: u32, mask: Mask, lo: S::Single, doubts: &mut Vec<Dou
     push(id, mask, &out, doubts);
 }
 
-struct Blocked<S: Simd> {
+struct Blocked<'a, S: Simd> {
     active: Mask,
     one: S::Single,
+    last: &'a mut Option<Spot>,
 }
 
-impl<S: Simd> Visit<S> for Blocked<S> {
+impl<S: Simd> Visit<S> for Blocked<'_, S> {
     #[inline(always)]
     fn bound(&self) -> S::Single {
         self.one
@@ -176,19 +189,27 @@ impl<S: Simd> Visit<S> for Blocked<S> {
         self.active
     }
     #[inline(always)]
-    fn visit(&mut self, id: u32, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
+    fn visit(&mut self, id: u32, spot: Option<Spot>, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
         let may = m.may & self.active & !self.one.lt(m.lo);
         if may == 0 {
             return;
         }
         let blocked = may & m.sure & m.hi.lt(self.one);
         self.active &= !blocked;
+        if blocked != 0 && spot.is_some() {
+            *self.last = spot;
+        }
         let rest = may & !blocked;
         if rest != 0 {
             push_doubts::<S>(id, rest, m.lo, doubts);
         }
     }
+    #[inline(always)]
+    fn first(&self) -> Option<Spot> {
+        *self.last
+    }
 }
+
 /// Finds what the packet's rays meet first: `out.best` where `out.doubts` names no candidate of the lane,
 /// else among both.
 #[inline(always)]
@@ -207,9 +228,16 @@ pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packe
 }
 
 /// Finds which of the packet's segments [0, 1] are surely blocked; of the others, `out.doubts` names what may block.
+/// What blocked segments `last` is tried first, and is then what did now: neighbours are often in one shadow.
 #[inline(always)]
-pub(crate) fn blocked<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packet, out: &mut Walk) -> Mask {
-    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0) };
+pub(crate) fn blocked<S: Simd>(
+    filter: &Filter,
+    wide: &Wide<f32>,
+    packet: &Packet,
+    last: &mut Option<Spot>,
+    out: &mut Walk,
+) -> Mask {
+    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0), last };
     out.doubts.clear();
     walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
     let blocked = packet.active & !visitor.active;

@@ -8,8 +8,9 @@
 
 use super::alone::Alone;
 use super::beam::{Beam, LEAST_NODES};
+use super::leaf;
 use super::meet::{Apart, Rays, Sphere, Triangle, meet_plane, meet_sphere, meet_triangle};
-use super::{Doubt, INSIDE, Packet, Visit};
+use super::{Doubt, INSIDE, Packet, Spot, Visit};
 use crate::bvh::{Child, Coordinate, Link, Node, WIDTH, Wide};
 use crate::simd::{Floats, LANES, Mask, Simd, Single, prefetch};
 use crate::trace::filter::Filter;
@@ -85,7 +86,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
             let mask = visitor.active() & !S::equal(&packet.own, k as u32);
             let m = meet_plane(&rays.ray, plane, ed, mask);
             if m.may != 0 {
-                visitor.visit(k as u32, m, doubts);
+                visitor.visit(k as u32, None, m, doubts);
             }
         }
     }
@@ -94,6 +95,12 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
     }
     let mut journey =
         Journey::<S>::new((filter, wide, packet), rays, &mut stacks.apart, visitor.active(), visitor.bound());
+    if let Some(spot) = visitor.first() {
+        journey.surely(spot, visitor, doubts);
+        if visitor.active() == 0 {
+            return;
+        }
+    }
     let mut top = 1;
     stacks.packet[0] = Entry { near: [0.0; LANES], link: Child::ROOT, mask: visitor.active() };
     let (alone, few) = (&mut *stacks.alone, Few::of(wide));
@@ -128,8 +135,8 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
             Link::Inner(_) if mask.count_ones() <= few.inner => alone.leave(mask, link),
             Link::Leaf { count, .. } if mask.count_ones() <= few.leaf.min(count as u32 - 1) => alone.leave(mask, link),
             Link::Inner(index) => top = journey.open(index, mask, visitor.bound(), &mut stacks.packet, top),
-            Link::Leaf { kind, start, count } => {
-                journey.leaf(kind, start, count, mask, visitor, doubts);
+            Link::Leaf { .. } => {
+                journey.leaf(link, mask, visitor, doubts);
                 if visitor.active() == 0 {
                     return;
                 }
@@ -258,17 +265,32 @@ impl<'a, S: Simd> Journey<'a, S> {
         }
     }
 
+    /// Shows the visitor which rays surely meet this object before their bounds.
+    #[inline(always)]
+    fn surely<V: Visit<S>>(&self, spot: Spot, visitor: &mut V, doubts: &mut Vec<Doubt>) {
+        let Link::Leaf { kind, start, count } = spot.leaf.link() else { return };
+        let mask = visitor.active();
+        let (id, mut m) = if kind == 0 {
+            let leaf = self.filter.triangles.leaf(start, count);
+            let id = leaf::id(&leaf, spot.place);
+            let mask = mask & !S::equal(&self.packet.own, id);
+            (id, meet_triangle(&self.rays.ray, &Triangle::lone(&leaf, spot.place), mask))
+        } else {
+            let leaf = self.filter.spheres.leaf(start, count);
+            let id = leaf::id(&leaf, spot.place);
+            let mask = mask & !S::equal(&self.packet.own, id) & !S::equal(&self.packet.own, id | INSIDE);
+            (id, meet_sphere(&self.rays.ray, &Sphere::lone(&leaf, spot.place), mask))
+        };
+        m.may &= m.sure & m.hi.lt(visitor.bound());
+        if m.may != 0 {
+            visitor.visit(id, Some(spot), m, doubts);
+        }
+    }
+
     /// Shows the visitor what rays of `mask` meet in a leaf.
     #[inline(always)]
-    fn leaf<V: Visit<S>>(
-        &self,
-        kind: u8,
-        start: usize,
-        count: usize,
-        mask: Mask,
-        visitor: &mut V,
-        doubts: &mut Vec<Doubt>,
-    ) {
+    fn leaf<V: Visit<S>>(&self, link: Child, mask: Mask, visitor: &mut V, doubts: &mut Vec<Doubt>) {
+        let Link::Leaf { kind, start, count } = link.link() else { return };
         if kind == 0 {
             let leaf = self.filter.triangles.leaf(start, count).spread();
             for i in 0..count {
@@ -276,7 +298,7 @@ impl<'a, S: Simd> Journey<'a, S> {
                 let mask = mask & !S::equal(&self.packet.own, id);
                 let m = meet_triangle(&self.rays.ray, &Triangle::one(&leaf, i), mask);
                 if m.may != 0 {
-                    visitor.visit(id, m, doubts);
+                    visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);
                 }
             }
             return;
@@ -295,7 +317,7 @@ impl<'a, S: Simd> Journey<'a, S> {
                 m.lo = S::Single::splat(0.0).select(within, m.lo);
             }
             if m.may != 0 {
-                visitor.visit(id, m, doubts);
+                visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);
             }
         }
     }

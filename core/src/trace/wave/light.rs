@@ -7,7 +7,7 @@ use super::paths::Paths;
 use super::{PATHS, Stage};
 use crate::geometry::V3;
 use crate::simd::{Double, LANES, Simd};
-use crate::trace::packet::{self, NONE, Packet, Walk};
+use crate::trace::packet::{self, NONE, Packet, Spot, Walk};
 use crate::trace::shade;
 
 /// Shadow segments towards one light.
@@ -16,11 +16,21 @@ pub(super) struct Shadows {
     /// Indices of the places they start from; ascending.
     at: Column<u32>,
     cosine: Column<f64>,
+    /// What blocked each light last.
+    last: Vec<Option<Spot>>,
 }
 
 impl Default for Shadows {
     fn default() -> Self {
-        Self { count: 0, at: column(0), cosine: column(0.0) }
+        Self { count: 0, at: column(0), cosine: column(0.0), last: Vec::new() }
+    }
+}
+
+impl Shadows {
+    /// Forgets what blocked `lights` lights.
+    pub(super) fn forget(&mut self, lights: usize) {
+        self.last.clear();
+        self.last.resize(lights, None);
     }
 }
 
@@ -46,6 +56,7 @@ impl Stage<'_> {
             }
             let light = V3::<S::Double>::splat(light);
             self.facing::<S>(rays, places, k, light, shadows, paths);
+            let mut last = shadows.last[k];
             for first in (0..shadows.count).step_by(LANES) {
                 let low = Eight::of(&shadows.at, first, shadows.count);
                 let high = Eight::of(&shadows.at, first + 8, shadows.count);
@@ -55,7 +66,7 @@ impl Stage<'_> {
                 packet.own[8..].copy_from_slice(&high.take(&places.met));
                 let all = ((1u32 << LANES.min(shadows.count - first)) - 1) as u16;
                 packet.active = all & near;
-                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, walk);
+                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, &mut last, walk);
                 for lane in packet::lanes(walk.open(all, near)) {
                     let i = shadows.at[first + lane] as usize;
                     let candidates = walk.doubts_of(lane);
@@ -85,6 +96,7 @@ impl Stage<'_> {
                     }
                 }
             }
+            shadows.last[k] = last;
         }
     }
 

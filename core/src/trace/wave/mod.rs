@@ -143,6 +143,7 @@ impl Kernel for Wave<'_> {
             record: self.record,
             least: self.least,
         };
+        shadows.forget(prepared.local.lights.len());
         let stage = Stage { tracer: self.tracer, filter, wide };
         stage.camera::<S>(self.points, rays);
         for depth in 1..=max_depth.min(STEPS) {
