@@ -112,6 +112,8 @@ pub(crate) struct Spot {
 
 /// What to do with meetings.
 trait Visit<S: Simd> {
+    /// Whether what is met brings the bounds nearer, so that it matters what is met first.
+    const NEARS: bool;
     fn bound(&self) -> S::Single;
     fn active(&self) -> Mask;
     /// Object `id` is met, which is at `spot` if it is in a leaf.
@@ -130,6 +132,7 @@ struct Nearest<S: Simd> {
 }
 
 impl<S: Simd> Visit<S> for Nearest<S> {
+    const NEARS: bool = true;
     #[inline(always)]
     fn bound(&self) -> S::Single {
         self.hi
@@ -180,6 +183,7 @@ struct Blocked<'a, S: Simd> {
 }
 
 impl<S: Simd> Visit<S> for Blocked<'_, S> {
+    const NEARS: bool = false;
     #[inline(always)]
     fn bound(&self) -> S::Single {
         self.one

@@ -109,7 +109,10 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
         if top > 0 {
             top -= 1;
             let entry = &stacks.packet[top];
-            mask = entry.mask & visitor.active() & S::Single::load(&entry.near).le(visitor.bound());
+            mask = entry.mask & visitor.active();
+            if V::NEARS {
+                mask &= S::Single::load(&entry.near).le(visitor.bound());
+            }
             if mask == 0 {
                 continue;
             }
@@ -134,7 +137,9 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
             Link::Nothing => {}
             Link::Inner(_) if mask.count_ones() <= few.inner => alone.leave(mask, link),
             Link::Leaf { count, .. } if mask.count_ones() <= few.leaf.min(count as u32 - 1) => alone.leave(mask, link),
-            Link::Inner(index) => top = journey.open(index, mask, visitor.bound(), &mut stacks.packet, top),
+            Link::Inner(index) => {
+                top = journey.open::<V>(index, mask, visitor.bound(), &mut stacks.packet, top);
+            }
             Link::Leaf { .. } => {
                 journey.leaf(link, mask, visitor, doubts);
                 if visitor.active() == 0 {
@@ -180,16 +185,23 @@ impl<'a, S: Simd> Journey<'a, S> {
 
     /// Pushes the children of node `index` that rays of `mask` meet, the nearest last.
     #[inline(always)]
-    fn open(&self, index: usize, mask: Mask, bound: S::Single, stack: &mut Vec<Entry>, top: usize) -> usize {
+    fn open<V: Visit<S>>(
+        &self,
+        index: usize,
+        mask: Mask,
+        bound: S::Single,
+        stack: &mut Vec<Entry>,
+        top: usize,
+    ) -> usize {
         let node = &self.wide.nodes[index];
         let Some(beam) = &self.beam else {
-            return self.open_boxes::<false>(u8::MAX, node, [false; 3], mask, bound, stack, top);
+            return self.open_boxes::<V, false>(u8::MAX, node, [false; 3], mask, bound, stack, top);
         };
         let may = beam.meets::<S>(node, self.far);
         if beam.one_sign {
-            self.open_boxes::<true>(may, node, beam.flip, mask, bound, stack, top)
+            self.open_boxes::<V, true>(may, node, beam.flip, mask, bound, stack, top)
         } else {
-            self.open_boxes::<false>(may, node, [false; 3], mask, bound, stack, top)
+            self.open_boxes::<V, false>(may, node, [false; 3], mask, bound, stack, top)
         }
     }
 
@@ -197,7 +209,7 @@ impl<'a, S: Simd> Journey<'a, S> {
     /// upper ends where `flip` says so.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "one step of a walk, cut out to be compiled twice")]
-    fn open_boxes<const ONE_SIGN: bool>(
+    fn open_boxes<V: Visit<S>, const ONE_SIGN: bool>(
         &self,
         mut may: u8,
         node: &Node<f32>,
@@ -238,17 +250,19 @@ impl<'a, S: Simd> Journey<'a, S> {
             if hit != 0 {
                 self.expect(child);
                 let entry = &mut stack[top];
-                near.store(&mut entry.near);
                 entry.link = child;
                 entry.mask = hit;
-                if entry.near[lead] < nearest {
-                    nearest = entry.near[lead];
-                    nearest_at = top;
+                if V::NEARS {
+                    near.store(&mut entry.near);
+                    if entry.near[lead] < nearest {
+                        nearest = entry.near[lead];
+                        nearest_at = top;
+                    }
                 }
                 top += 1;
             }
         }
-        if top > first + 1 {
+        if V::NEARS && top > first + 1 {
             stack.swap(nearest_at, top - 1);
         }
         top
