@@ -16,6 +16,7 @@ mod studio;
 use std::sync::Arc;
 
 use tessera_proto::InstanceId;
+use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 pub use address::{Address, AddressError};
@@ -66,8 +67,16 @@ impl Config {
 pub struct LocalScene {
     /// Proves to the coordinator that the scene is its own.
     pub secret: [u8; 16],
-    /// What renders it, under the coordinator's settings: one for all workers of the process.
-    pub tracer: Arc<dyn TileTracer>,
+    /// What renders it, under the coordinator's settings: one for all workers of the process. They connect
+    /// before it is there, and then wait for it; if it will never come, they leave.
+    pub tracer: watch::Receiver<Option<Arc<dyn TileTracer>>>,
+}
+
+impl LocalScene {
+    /// Waits for the tracer; `None` if none will come.
+    pub(crate) async fn tracer(&self) -> Option<Arc<dyn TileTracer>> {
+        self.tracer.clone().wait_for(Option::is_some).await.ok()?.clone()
+    }
 }
 
 impl std::fmt::Debug for LocalScene {

@@ -106,6 +106,9 @@ impl Session {
         let mut welcomed = false;
         let connect = async {
             let channel = self.dial().await?;
+            if let Some(local) = &self.config.local {
+                local.tracer().await.ok_or(Outcome::Stopped)?;
+            }
             self.register(channel).await
         };
         let registered = tokio::select! {
@@ -174,8 +177,8 @@ impl Session {
     /// What renders `job`, its scene taken from wherever it is nearest.
     async fn tracer(&self, job: &Job, talk: &mut Talk) -> Result<Arc<dyn TileTracer>, Outcome> {
         let Some((hash, bytes)) = job.scene else {
-            let local = self.config.local.as_ref();
-            return local.map(|l| l.tracer.clone()).ok_or_else(|| Outcome::Lost("there is no scene".into()));
+            let local = self.config.local.as_ref().ok_or_else(|| Outcome::Lost("there is no scene".into()))?;
+            return local.tracer().await.ok_or(Outcome::Stopped);
         };
         // After a broken connection the job is the one before, and the threads may still be busy
         // with a tile of it: nothing is prepared again.

@@ -44,7 +44,9 @@ pub(super) fn on_runtime<T>(threads: usize, work: impl Future<Output = Result<T,
 
 async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Result<Exit, Failure> {
     let stop = signals::stop_on_signal(console);
-    let farm = bind(&options, console).await?;
+    let mut farm = bind(&options, console).await?;
+    // They connect while the scene is read.
+    farm.hire(options.workers, options.threads);
 
     let mut phases = Phases::default();
     let reading = Instant::now();

@@ -10,7 +10,7 @@ use tessera_core::settings::Tolerance;
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
-use tessera_proto::{InstanceId, SessionId};
+use tessera_proto::{InstanceId, PixelFormat, SessionId};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, sleep_until, timeout_at};
 use tokio_util::sync::CancellationToken;
@@ -91,6 +91,8 @@ fn common(a: &Region, b: &Region) -> u64 {
 pub(super) struct Driver {
     scheduler: Scheduler,
     door: Arc<Door>,
+    /// What pixels tiles must have.
+    pixels: PixelFormat,
     heard: mpsc::Receiver<Heard>,
     tiles: mpsc::Sender<Stitch>,
     progress: watch::Sender<Progress>,
@@ -109,7 +111,7 @@ pub(super) struct Driver {
 impl Driver {
     pub(super) fn new(
         scheduler: Scheduler,
-        door: Arc<Door>,
+        (door, pixels): (Arc<Door>, PixelFormat),
         heard: mpsc::Receiver<Heard>,
         tiles: mpsc::Sender<Stitch>,
         progress: watch::Sender<Progress>,
@@ -121,6 +123,7 @@ impl Driver {
             plan,
             pass: Passing::default(),
             door,
+            pixels,
             heard,
             tiles,
             progress,
@@ -248,7 +251,7 @@ impl Driver {
 
     async fn delivered(&mut self, worker: WorkerKey, done: TileDone) -> Option<Result<(), RenderError>> {
         if let Some(region) = self.scheduler.region_of(worker, done.lease)
-            && let Err(e) = check_size(&done.pixels, self.door.pixels, &region)
+            && let Err(e) = check_size(&done.pixels, self.pixels, &region)
         {
             return self.tell(Event::Broke { worker, rule: e.to_string() }, None).await;
         }
@@ -332,6 +335,10 @@ impl Driver {
 
     async fn admit(&mut self, joined: Joined) -> Option<Result<(), RenderError>> {
         let Joined { registration, address, mouth, cut, reply } = joined;
+        if reply.is_closed() {
+            // It has given up waiting for an answer.
+            return None;
+        }
         let instance = registration.instance;
         if let Some(rule) = self.banned.get(&instance) {
             let _ = reply.send(Err(Status::permission_denied(format!("cut off before: {rule}"))));

@@ -7,17 +7,17 @@ mod stitch;
 mod timing;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use tessera_core::film::Region;
 use tessera_core::settings::Sampling;
 use tessera_core::trace::PreparedScene;
 use tessera_proto::limits::{KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT};
 use tokio::net::TcpListener;
-use tokio::sync::{OnceCell, mpsc, watch};
+use tokio::sync::{mpsc, watch};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
-use tokio_util::sync::CancellationToken;
+use tokio_util::sync::{CancellationToken, DropGuard};
 use tonic::transport::Server;
 use worker::{LocalScene, TileTracer};
 
@@ -25,7 +25,7 @@ use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSo
 use crate::plan::Plan;
 use crate::scheduler::{self, Scheduler};
 use driver::Driver;
-use service::{Door, Service};
+use service::{Door, Heard, Offer, Service};
 use stitch::Stitched;
 
 pub use timing::Timing;
@@ -41,14 +41,33 @@ const WINDOW: u32 = 4 << 20;
 const FRAME: u32 = 128 << 10;
 
 /// A farm that listens, so that a busy port is known before anything is read or traced.
-#[derive(Debug)]
 pub struct Farm {
-    listener: TcpListener,
     addr: SocketAddr,
+    door: Arc<Door>,
+    heard: mpsc::Receiver<Heard>,
+    server: Aborted,
+    hired: Option<Hired>,
+    /// Whatever ends the farm ends the server and the workers with it.
+    closing: DropGuard,
+}
+
+impl std::fmt::Debug for Farm {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Farm").field("addr", &self.addr).finish_non_exhaustive()
+    }
+}
+
+/// Workers in this process.
+struct Hired {
+    /// Where they are given what they render with.
+    tracer: watch::Sender<Option<Arc<dyn TileTracer>>>,
+    /// They end when the set is dropped.
+    _tasks: JoinSet<()>,
 }
 
 impl Farm {
     /// Listens for workers. They can connect from now on; they are answered once [`Farm::render`] runs.
+    /// Must be called inside a runtime.
     ///
     /// # Errors
     /// [`RenderError::Listen`] when the address is taken or not of this machine.
@@ -60,7 +79,36 @@ impl Farm {
         let failed = |source| RenderError::Listen { addr: wanted, source };
         let listener = TcpListener::bind(wanted).await.map_err(failed)?;
         let addr = listener.local_addr().map_err(failed)?;
-        Ok(Self { listener, addr })
+        let (heard_by, heard) = mpsc::channel(HEARD);
+        let door = Arc::new(Door::new(heard_by));
+        let closing = CancellationToken::new();
+        let server = Server::builder()
+            .max_concurrent_streams(STREAMS)
+            .initial_stream_window_size(WINDOW)
+            .initial_connection_window_size(WINDOW)
+            .max_frame_size(FRAME)
+            .http2_keepalive_interval(Some(KEEPALIVE_INTERVAL))
+            .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
+            .add_service(Service(door.clone()).into_server())
+            .serve_with_incoming_shutdown(
+                incoming::accept(listener, closing.clone()),
+                closing.clone().cancelled_owned(),
+            );
+        let server = Aborted(tokio::spawn(server).abort_handle());
+        Ok(Self { addr, door, heard, server, hired: None, closing: closing.drop_guard() })
+    }
+
+    /// Starts `workers` in this process, of so many `threads` together and one each at least. They connect now
+    /// and then wait for a scene. A job whose workers were not hired before has them hired by [`Farm::render`].
+    pub fn hire(&mut self, workers: usize, threads: usize) {
+        if workers == 0 || self.hired.is_some() {
+            return;
+        }
+        let (tracer, local) = watch::channel(None);
+        let local = LocalScene { secret: self.door.secret, tracer: local };
+        let stop = self.closing.token();
+        let _tasks = start_workers((workers, threads), self.addr, &local, stop);
+        self.hired = Some(Hired { tracer, _tasks });
     }
 
     /// The address workers connect to, with its actual port.
@@ -74,7 +122,7 @@ impl Farm {
     /// # Errors
     /// [`Unfinished`], with everything that was done until then.
     pub async fn render(
-        self,
+        mut self,
         job: RenderJob,
         progress: watch::Sender<Progress>,
         cancel: CancellationToken,
@@ -90,35 +138,13 @@ impl Farm {
         let tracer = tracer(&job).await?;
         progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
 
-        let (heard_by, heard) = mpsc::channel(HEARD);
-        let door = Arc::new(Door {
-            heard: heard_by,
-            sessions: Mutex::default(),
-            scene: job.scene.scene().clone(),
-            settings: job.settings,
-            pixels: job.pixels,
-            secret: std::array::from_fn(|_| fastrand::u8(..)),
-            described: OnceCell::new(),
-        });
-        let closing = CancellationToken::new();
-        // Whatever ends this future ends the server and the workers with it.
-        let _closing = closing.clone().drop_guard();
-        let server = Server::builder()
-            .max_concurrent_streams(STREAMS)
-            .initial_stream_window_size(WINDOW)
-            .initial_connection_window_size(WINDOW)
-            .max_frame_size(FRAME)
-            .http2_keepalive_interval(Some(KEEPALIVE_INTERVAL))
-            .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
-            .add_service(Service(door.clone()).into_server())
-            .serve_with_incoming_shutdown(
-                incoming::accept(self.listener, closing.clone()),
-                closing.clone().cancelled_owned(),
-            );
-        let server = Aborted(tokio::spawn(server).abort_handle());
-
-        let local = tracer.map(|tracer| LocalScene { secret: door.secret, tracer });
-        let workers = local.map(|local| start_workers(&job, self.addr, &local, &closing));
+        self.hire(job.workers, job.threads);
+        let Self { door, heard, server, hired, closing, .. } = self;
+        let offer = Offer { scene: job.scene.scene().clone(), settings: job.settings, pixels: job.pixels };
+        door.offer.get_or_init(|| offer);
+        if let Some(hired) = &hired {
+            hired.tracer.send_replace(tracer);
+        }
         let samples = match job.settings.sampling {
             Sampling::Uniform { grid } => grid * grid,
             // Corners, and as much again along edges.
@@ -136,11 +162,11 @@ impl Farm {
         });
         let (tiles, stitcher) = stitch::start(job.region, job.pixels);
         let plan = Plan::new(job.goal, job.region);
-        let driver = Driver::new(scheduler, door, heard, tiles, progress.clone(), plan, (start, job.timing));
+        let driver = Driver::new(scheduler, (door, job.pixels), heard, tiles, progress.clone(), plan, (start, job.timing));
         let (ended, end, passing) = driver.run(&cancel).await;
         let stitched = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
         let Stitched { image, done } = stitched.ok_or_else(|| RenderError::Memory(job.region.area()))?;
-        drop((server, workers));
+        drop((server, hired, closing));
 
         let p = progress.borrow().clone();
         let (tiles, trace) = (done.len() as u64, end - start);
@@ -184,16 +210,21 @@ async fn tracer(job: &RenderJob) -> Result<Option<Arc<dyn TileTracer>>, RenderEr
     Ok(Some(opened.await.map_err(|e| RenderError::Internal(e.to_string()))??))
 }
 
-/// Starts the workers of this process; they end when the set is dropped.
-fn start_workers(job: &RenderJob, addr: SocketAddr, local: &LocalScene, stop: &CancellationToken) -> JoinSet<()> {
-    let mut workers = JoinSet::new();
+/// Starts workers that share so many threads; they end when the set is dropped.
+fn start_workers(
+    (workers, threads): (usize, usize),
+    addr: SocketAddr,
+    local: &LocalScene,
+    stop: &CancellationToken,
+) -> JoinSet<()> {
+    let mut tasks = JoinSet::new();
     let reach = match addr.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => SocketAddr::from((Ipv4Addr::LOCALHOST, addr.port())),
         IpAddr::V6(ip) if ip.is_unspecified() => SocketAddr::from((Ipv6Addr::LOCALHOST, addr.port())),
         _ => addr,
     };
-    for n in 0..job.workers {
-        let share = job.threads / job.workers + usize::from(n < job.threads % job.workers);
+    for n in 0..workers {
+        let share = threads / workers + usize::from(n < threads % workers);
         let config = worker::Config {
             threads: share.max(1),
             name: format!("local-{}", n + 1),
@@ -202,14 +233,14 @@ fn start_workers(job: &RenderJob, addr: SocketAddr, local: &LocalScene, stop: &C
             ..worker::Config::new(reach.into())
         };
         let stop = stop.clone();
-        workers.spawn(async move {
+        tasks.spawn(async move {
             let name = config.name.clone();
             if let Err(e) = worker::run(config, stop).await {
                 tracing::error!("{name}: {e}");
             }
         });
     }
-    workers
+    tasks
 }
 
 /// Ends a task with its owner.

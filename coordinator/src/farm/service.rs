@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use tessera_core::scene::Scene;
@@ -77,14 +77,21 @@ pub(super) enum Said {
     Nonsense(String),
 }
 
-/// What the service knows of the job.
+/// What workers are told of the job.
+#[derive(Debug)]
+pub(super) struct Offer {
+    pub(super) scene: Arc<Scene>,
+    pub(super) settings: Settings,
+    pub(super) pixels: PixelFormat,
+}
+
+/// What the service knows.
 #[derive(Debug)]
 pub(super) struct Door {
     pub(super) heard: mpsc::Sender<Heard>,
     pub(super) sessions: Mutex<HashMap<SessionId, Visitor>>,
-    pub(super) scene: Arc<Scene>,
-    pub(super) settings: Settings,
-    pub(super) pixels: PixelFormat,
+    /// What there is to do, once that is known.
+    pub(super) offer: OnceLock<Offer>,
     /// Known to workers of this process alone.
     pub(super) secret: [u8; 16],
     /// Hash and length of the scene's binary form: taken when a worker needs them.
@@ -132,6 +139,22 @@ fn over() -> Status {
 }
 
 impl Door {
+    /// Behind this door, and `heard` by whoever listens.
+    pub(super) fn new(heard: mpsc::Sender<Heard>) -> Self {
+        Self {
+            heard,
+            sessions: Mutex::default(),
+            offer: OnceLock::new(),
+            secret: std::array::from_fn(|_| fastrand::u8(..)),
+            described: OnceCell::new(),
+        }
+    }
+
+    /// No worker has a session before there is one.
+    fn offer(&self) -> Result<&Offer, Status> {
+        self.offer.get().ok_or_else(|| Status::unavailable("there is nothing to render yet"))
+    }
+
     fn visitor(&self, session: u64) -> Result<Visitor, Status> {
         let sessions = self.sessions.lock().unwrap_or_else(PoisonError::into_inner);
         sessions.get(&SessionId(session)).cloned().ok_or_else(|| Status::not_found("this session is over"))
@@ -139,7 +162,7 @@ impl Door {
 
     async fn described(&self) -> Result<(SceneHash, u64), Status> {
         let describe = || async {
-            let scene = self.scene.clone();
+            let scene = self.offer()?.scene.clone();
             tokio::task::spawn_blocking(move || describe(&scene)).await.map_err(|e| Status::internal(e.to_string()))
         };
         self.described.get_or_try_init(describe).await.copied()
@@ -147,7 +170,8 @@ impl Door {
 
     async fn job(&self, local: bool) -> Result<CoordinatorMessage, Status> {
         let scene = if local { None } else { Some(self.described().await?) };
-        let job = Job { scene, settings: self.settings, pixels: self.pixels };
+        let &Offer { settings, pixels, .. } = self.offer()?;
+        let job = Job { scene, settings, pixels };
         Ok(CoordinatorMessage { kind: Some(wire::coordinator_message::Kind::Job(job.into())) })
     }
 
@@ -183,7 +207,8 @@ impl Door {
     fn understand(&self, message: WorkerMessage) -> Said {
         match message.kind {
             Some(Kind::TileDone(done)) => {
-                let done = TileDone::try_from(done).and_then(|d| check_pixels(&d.pixels, self.pixels).map(|()| d));
+                let Ok(offer) = self.offer() else { return Said::Nonsense("a tile of nothing".into()) };
+                let done = TileDone::try_from(done).and_then(|d| check_pixels(&d.pixels, offer.pixels).map(|()| d));
                 done.map_or_else(|e| Said::Nonsense(format!("a tile: {e}")), Said::Done)
             }
             Some(Kind::TileFailed(f)) => {
@@ -286,7 +311,7 @@ impl farm_server::Farm for Service {
         let fetching = Fetching(visitor.fetching);
         // Pieces are made as fast as they are sent, and never all at once.
         let (sender, pieces) = mpsc::channel(2);
-        let scene = self.0.scene.clone();
+        let scene = self.0.offer()?.scene.clone();
         tokio::task::spawn_blocking(move || {
             let _fetching = fetching;
             for data in SceneEncoder::new(&scene, SCENE_PIECE_BYTES) {
