@@ -162,7 +162,8 @@ impl Farm {
         });
         let (tiles, stitcher) = stitch::start(job.region, job.pixels);
         let plan = Plan::new(job.goal, job.region);
-        let driver = Driver::new(scheduler, (door, job.pixels), heard, tiles, progress.clone(), plan, (start, job.timing));
+        let driver =
+            Driver::new(scheduler, (door, job.pixels), heard, tiles, progress.clone(), plan, (start, job.timing));
         let (ended, end, passing) = driver.run(&cancel).await;
         let stitched = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
         let Stitched { image, done } = stitched.ok_or_else(|| RenderError::Memory(job.region.area()))?;

@@ -52,8 +52,9 @@ pub(crate) fn render(
         let done: Vec<(Region, (Vec<Pixel>, RayCounts))> = piece
             .blocks(BLOCK)
             .into_par_iter()
-            .map_init(WaveScratch::default, |scratch, b| {
-                (b, block::render(tracer, &corners, b, (tolerance, every_pixel), scratch))
+            .map(|b| {
+                let render = |scratch: &mut _| block::render(tracer, &corners, b, (tolerance, every_pixel), scratch);
+                (b, WaveScratch::with(render))
             })
             .collect();
         for (b, (part, c)) in done {

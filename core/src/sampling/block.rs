@@ -188,7 +188,7 @@ impl Block<'_> {
             }
             let marks = Marks::among(rows[j as usize], at.0, at.1);
             let alike = seen[1..].iter().all(|s| s.signature == seen[0].signature);
-            let hidden = Corners::hidden(self.tracer, at, &around);
+            let hidden = self.corners.hidden(self.tracer, at, &around);
             let (edges, marks) = marks.split_at(marks.partition_point(|m| matches!(m.what, What::Edge(_))));
             let hidden = hidden + if alike { self.expected(seen[0], edges) } else { 0.0 };
             let gaps = Gaps::new(self.tracer, &self.corners.records, seen);

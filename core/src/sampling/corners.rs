@@ -1,12 +1,10 @@
 //! What a region's pixel corners show, with one more pixel all around.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::lattice::{UNIT, extent, plane_origin, rms};
 use crate::film::Region;
-use crate::geometry::ObjectId;
-use crate::scene::Pigment;
 use crate::trace::record::{INSIDE, NONE, Records};
 use crate::trace::{PlanePoint, RayCounts, Tracer, WaveScratch, mix, packets};
 
@@ -76,7 +74,7 @@ impl Seen {
             }
             value += m.direct;
             lost = m.lost;
-            pictured |= m.object().is_some_and(|o| matches!(tracer.material(ObjectId(o)).pigment, Pigment::Picture(_)));
+            pictured |= m.object().is_some_and(|o| tracer.is_pictured(o));
         }
         let first = first.unwrap_or(NONE);
         Self { path: path as u32, first, signature: mix(rest, u64::from(first)), rest, shadows, pictured, value, lost }
@@ -88,6 +86,9 @@ pub(crate) struct Corners {
     pub(crate) records: Records,
     /// Row by row.
     seen: Vec<Seen>,
+    /// Where each sees the picture of what it meets first; of no matter where that has none, and empty where
+    /// the scene has none.
+    on_pictures: Vec<DVec2>,
     pub(crate) least: f64,
     /// The largest radiance that the scene can send.
     brightest: f64,
@@ -106,25 +107,30 @@ impl Corners {
             }
         }
         let lights = tracer.lights().len();
-        let done: Vec<_> = pieces
-            .into_par_iter()
-            .map_init(WaveScratch::default, |scratch, (i0, j0, i1, j1)| {
-                let mut points = Vec::with_capacity(((i1 - i0) * (j1 - j0)) as usize);
-                let mut places = Vec::with_capacity(points.capacity());
-                packets(i1 - i0, j1 - j0, |i, j| {
-                    let (i, j) = (i0 + i, j0 + j);
-                    places.push((j * w + i) as usize);
-                    points.push(PlanePoint {
-                        x: origin.x + UNIT * (i as i32 - BORDER as i32),
-                        y: origin.y - UNIT * (j as i32 - BORDER as i32),
-                    });
+        let pictures = !tracer.prepared().scene.pictures().is_empty();
+        // Traces a piece; gives the places of its corners, what they see, and where on pictures.
+        let trace = |(i0, j0, i1, j1), records: &mut Records, counts: &mut RayCounts| {
+            let mut points = Vec::with_capacity(((i1 - i0) * (j1 - j0)) as usize);
+            let mut places = Vec::with_capacity(points.capacity());
+            packets(i1 - i0, j1 - j0, |i, j| {
+                let (i, j) = (i0 + i, j0 + j);
+                places.push((j * w + i) as usize);
+                points.push(PlanePoint {
+                    x: origin.x + UNIT * (i as i32 - BORDER as i32),
+                    y: origin.y - UNIT * (j as i32 - BORDER as i32),
                 });
-                let (mut records, mut counts) = (Records::new(lights), RayCounts::default());
-                tracer.record(&points, least, &mut records, scratch, &mut counts);
-                let seen: Vec<Seen> = (0..points.len()).map(|k| Seen::new(tracer, &records, k)).collect();
-                (places, seen, records, counts)
-            })
-            .collect();
+            });
+            let start = records.len();
+            WaveScratch::with(|scratch| tracer.record(&points, least, records, scratch, counts));
+            let seen: Vec<Seen> = (start..records.len()).map(|k| Seen::new(tracer, records, k)).collect();
+            let on_picture = |(s, p): (&Seen, &PlanePoint)| {
+                let pictured = s.pictured && s.first != NONE && tracer.is_pictured(s.first & !INSIDE);
+                if pictured { tracer.picture_coordinates(s.first & !INSIDE, *p) } else { DVec2::ZERO }
+            };
+            let on_pictures: Vec<DVec2> =
+                if pictures { seen.iter().zip(&points).map(on_picture).collect() } else { Vec::new() };
+            (places, seen, on_pictures)
+        };
         let blank = Seen {
             path: 0,
             first: NONE,
@@ -135,19 +141,43 @@ impl Corners {
             value: DVec3::ZERO,
             lost: 0.0,
         };
+        let count = (w * h) as usize;
         let mut corners = Self {
             region,
             records: Records::new(lights),
-            seen: vec![blank; (w * h) as usize],
+            seen: vec![blank; count],
+            on_pictures: vec![DVec2::ZERO; if pictures { count } else { 0 }],
             least,
             brightest: tracer.brightest(),
             counts: RayCounts::default(),
         };
-        for (places, seen, records, counts) in done {
-            let start = corners.records.len() as u32;
+        let mut put = |(places, seen, on_pictures): (Vec<usize>, Vec<Seen>, Vec<DVec2>), start: u32| {
+            for (place, uv) in places.iter().zip(on_pictures) {
+                corners.on_pictures[*place] = uv;
+            }
             for (place, s) in places.into_iter().zip(seen) {
                 corners.seen[place] = Seen { path: start + s.path, ..s };
             }
+        };
+        if rayon::current_num_threads() == 1 {
+            corners.records.reserve(count, count + count / 2);
+            for piece in pieces {
+                let found = trace(piece, &mut corners.records, &mut corners.counts);
+                put(found, 0);
+            }
+            return corners;
+        }
+        let done: Vec<_> = pieces
+            .into_par_iter()
+            .map(|piece| {
+                let (mut records, mut counts) = (Records::new(lights), RayCounts::default());
+                let found = trace(piece, &mut records, &mut counts);
+                (found, records, counts)
+            })
+            .collect();
+        corners.records.reserve(count, done.iter().map(|(_, records, _)| records.meetings()).sum());
+        for (found, records, counts) in done {
+            put(found, corners.records.len() as u32);
             corners.records.append(&records);
             corners.counts += counts;
         }
@@ -175,15 +205,14 @@ impl Corners {
     /// Variance of what may hide in pixel (x, y) between its corners, from what is around it:
     /// shadows and mirrored things, of which small ones are more likely the more edges there
     /// are, and pictures. Edges of objects seen directly are found by their outlines.
-    pub(crate) fn hidden(tracer: &Tracer, at: (u32, u32), around: &Around<'_>) -> f64 {
+    pub(crate) fn hidden(&self, tracer: &Tracer, at: (u32, u32), around: &Around<'_>) -> f64 {
         let mut hidden = 0.0;
         if [5, 6, 9, 10].iter().any(|&k| around[k].pictured) {
             let first = around[5].first;
             if [6, 9, 10].iter().all(|&k| around[k].first == first) && first != NONE {
-                let o = plane_origin(tracer, Region { x0: at.0, y0: at.1, x1: at.0 + 1, y1: at.1 + 1 });
-                let corner = |i, j| PlanePoint { x: o.x + UNIT * i, y: o.y - UNIT * j };
-                let points = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
-                if let Some(spread) = tracer.picture_spread(first & !INSIDE, points) {
+                let from = self.index(at.0, at.1);
+                let uv = [from, from + 1, from + self.width() + 1, from + self.width()].map(|k| self.on_pictures[k]);
+                if let Some(spread) = tracer.picture_spread(first & !INSIDE, uv) {
                     let e = 0.5 * spread * tracer.lights().len().min(2) as f64;
                     hidden += e * e;
                 }

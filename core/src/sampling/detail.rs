@@ -5,21 +5,20 @@ use glam::{DVec2, DVec3};
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
 use crate::scene::Pigment;
-use crate::trace::{PlanePoint, Tracer};
+use crate::trace::Tracer;
 
 /// Texels looked at along an edge of a footprint at most.
 const EDGE: i64 = 5;
 
 impl Tracer {
-    /// Root mean square distance from their mean of a picture's texels between four points of the
-    /// image plane that all see `object`; `None` where it has no picture.
-    pub(crate) fn picture_spread(&self, object: u32, points: [PlanePoint; 4]) -> Option<f64> {
+    /// Root mean square distance from their mean of the texels between four places of `object`'s picture;
+    /// `None` where it has none.
+    pub(crate) fn picture_spread(&self, object: u32, uv: [DVec2; 4]) -> Option<f64> {
         let material = self.material(ObjectId(object));
         let Pigment::Picture(id) = material.pigment else { return None };
         let scene = &self.prepared().scene;
         let data = &scene.pictures()[id.0 as usize];
         let size = DVec2::new(f64::from(data.width()), f64::from(data.height()));
-        let uv = points.map(|p| self.picture_coordinates(object, p));
         let wraps = crate::trace::texture::wraps(kind(scene, ObjectId(object)));
         let (mut lo, mut hi) = (DVec2::ZERO, DVec2::ZERO);
         for c in &uv[1..] {

@@ -30,6 +30,10 @@ impl Gaps {
     /// Those of a pixel whose corners see this.
     pub(super) fn new(tracer: &Tracer, records: &Records, corners: [&Seen; 4]) -> Self {
         let mut gaps = Self::default();
+        let one = corners[0];
+        if corners[1..].iter().all(|s| (s.signature, s.shadows) == (one.signature, one.shadows)) {
+            return gaps;
+        }
         for (k, one) in corners.iter().enumerate() {
             let alike = |s: &&&Seen| s.signature == one.signature;
             if corners[..k].iter().any(|s| alike(&s)) || corners.iter().filter(alike).all(|s| s.shadows == one.shadows)

@@ -104,6 +104,24 @@ impl Picture {
             Samples::Byte(_) => None,
         }
     }
+    /// Red, green and blue of a pixel, rows from the top, as stored: 0 to maxval each.
+    ///
+    /// # Panics
+    /// When `pixel` is not below width × height.
+    #[must_use]
+    pub fn texel(&self, pixel: usize) -> [u16; 3] {
+        let at = 3 * pixel;
+        match &self.samples {
+            Samples::Byte(b) => {
+                let b = &b[at..at + 3];
+                [b[0], b[1], b[2]].map(u16::from)
+            }
+            Samples::Word(w) => {
+                let w = &w[at..at + 3];
+                [w[0], w[1], w[2]]
+            }
+        }
+    }
     /// Sample `index` (3 × pixel + component) as stored, 0 to maxval.
     ///
     /// # Panics

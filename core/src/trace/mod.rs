@@ -346,6 +346,11 @@ impl Tracer {
         &self.materials[self.prepared.surface_of(id).0 as usize]
     }
 
+    /// Whether `object` shows a picture.
+    pub(crate) fn is_pictured(&self, object: u32) -> bool {
+        matches!(self.material(ObjectId(object)).pigment, Pigment::Picture(_))
+    }
+
     /// The colour at (u, v) of a picture that lies on `id`.
     pub(crate) fn picture_color(&self, picture: PictureId, uv: DVec2, id: ObjectId) -> DVec3 {
         let scene = &self.prepared.scene;
@@ -391,11 +396,11 @@ impl Tracer {
     ) {
         let n = self.grid;
         let (width, height) = (block.width() * n, block.height() * n);
-        let BlockScratch { points, samples, ordered, wave } = scratch;
+        let BlockScratch { points, samples, ordered } = scratch;
         points.clear();
         packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
         samples.resize(points.len(), Sample::BLANK);
-        self.trace(points, 0.0, samples, wave, counts);
+        WaveScratch::with(|wave| self.trace(points, 0.0, samples, wave, counts));
         let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
         let mut done = samples.iter();
         if n == 1 {
@@ -432,7 +437,6 @@ struct BlockScratch {
     points: Vec<PlanePoint>,
     samples: Vec<Sample>,
     ordered: Vec<DVec3>,
-    wave: WaveScratch,
 }
 
 /// Visits the cells of a grid so that sixteen in a row make a packet: squares of 4 × 4.

@@ -126,6 +126,19 @@ impl Records {
         self.first.len()
     }
 
+    /// Meetings of all paths.
+    pub(crate) fn meetings(&self) -> usize {
+        self.meetings.len()
+    }
+
+    /// Makes room for so many paths and meetings.
+    pub(crate) fn reserve(&mut self, paths: usize, meetings: usize) {
+        self.first.reserve(paths);
+        self.meetings.reserve(meetings);
+        self.lit.reserve(meetings * self.words);
+        self.blockers.reserve(meetings * self.kept);
+    }
+
     /// The meetings of a path, with their places for [`Self::lights`].
     pub(crate) fn path(&self, path: usize) -> impl Iterator<Item = (usize, &Meeting)> {
         let mut at = self.first[path];

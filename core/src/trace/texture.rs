@@ -176,13 +176,18 @@ impl Texels {
         let y = (1.0 - uv.y) * picture.height() as f64 - 0.5;
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
-        let place = |i: i64, n: i64, wrap: bool| if wrap { i.rem_euclid(n) } else { i.clamp(0, n - 1) };
-        let texel = |dx: i64, dy: i64| {
-            let i = place(x0 as i64 + dx, w, wrap[0]);
-            let j = place(y0 as i64 + dy, h, wrap[1]);
-            let at = 3 * (j * w + i) as usize;
-            let c = |k| self.linear[usize::from(picture.sample(at + k))];
-            DVec3::new(c(0), c(1), c(2))
+        // (u, v) is in [0, 1], so that no texel is farther outside than one.
+        let place = |i: i64, n: i64, wrap: bool| match wrap {
+            true if i < 0 => i + n,
+            true if i >= n => i - n,
+            true => i,
+            false => i.clamp(0, n - 1),
+        };
+        let columns = [0, 1].map(|dx| place(x0 as i64 + dx, w, wrap[0]));
+        let rows = [0, 1].map(|dy| place(y0 as i64 + dy, h, wrap[1]) * w);
+        let texel = |i: usize, j: usize| {
+            let [r, g, b] = picture.texel((rows[j] + columns[i]) as usize).map(|c| self.linear[usize::from(c)]);
+            DVec3::new(r, g, b)
         };
         let top = texel(0, 0) * (1.0 - fx) + texel(1, 0) * fx;
         let bottom = texel(0, 1) * (1.0 - fx) + texel(1, 1) * fx;

@@ -12,6 +12,8 @@ mod light;
 mod paths;
 mod places;
 
+use std::cell::RefCell;
+
 pub(crate) use blockers::Blockers;
 use glam::DVec3;
 use lanes::{Column, Places, Rays, column};
@@ -80,6 +82,21 @@ impl Default for WaveScratch {
             trails: Vec::new(),
             path: PathScratch::default(),
         }
+    }
+}
+
+thread_local! {
+    static SCRATCH: RefCell<WaveScratch> = RefCell::default();
+}
+
+impl WaveScratch {
+    /// Does `work` with this thread's memory, which takes a while to be had and is the same for every scene.
+    pub(crate) fn with<T>(work: impl FnOnce(&mut Self) -> T) -> T {
+        SCRATCH.with(|scratch| match scratch.try_borrow_mut() {
+            Ok(mut scratch) => work(&mut scratch),
+            // Another piece of work waits on this thread.
+            Err(_) => work(&mut Self::default()),
+        })
     }
 }
 
