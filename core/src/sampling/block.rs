@@ -9,7 +9,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::cells::Index;
+use super::cells::{Cells, Cut, Index};
 use super::corners::{Corners, Seen};
 use super::difference::Difference;
 use super::fit::Side;
@@ -22,6 +22,9 @@ use crate::film::{PixelError, Region};
 use crate::trace::record::{Look, NONE, Probe, Records};
 use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
+/// So many open pixels are worked on at a time: enough for waves of points to be full, and few enough for their
+/// cells to stay at hand.
+const AT_ONCE: usize = 128;
 /// Small things are looked at one by one, where a pixel has no more of them.
 const FEATURES: usize = 6;
 /// Rays that are worth an error of one tolerance in a pixel.
@@ -80,6 +83,9 @@ pub(super) struct Block<'a> {
     pub(super) found: Vec<Sample>,
     /// Places among both of points that pixels share.
     pub(super) shared: Index,
+    /// Cells of pixels that are settled, for their memory, and cuts of the pixel at hand.
+    pub(super) spare: Vec<Cells>,
+    pub(super) cuts: Vec<(usize, Cut)>,
     pub(super) scratch: &'a mut WaveScratch,
     pub(super) counts: RayCounts,
 }
@@ -111,15 +117,27 @@ pub(crate) fn render(
         whole: Vec::new(),
         found: Vec::new(),
         shared: Index::default(),
+        spare: Vec::new(),
+        cuts: Vec::new(),
         scratch,
         counts: RayCounts::default(),
     };
-    let mut works = block.roots();
-    while !works.is_empty() {
+    let mut waiting = block.roots().into_iter();
+    let mut works = Vec::with_capacity(AT_ONCE);
+    loop {
+        while works.len() < AT_ONCE
+            && let Some(mut work) = waiting.next()
+        {
+            if !block.open(&mut work) {
+                works.push(work);
+            }
+        }
+        if works.is_empty() {
+            return (block.pixels, block.counts);
+        }
         block.trace();
         works.retain_mut(|w| !block.advance(w));
     }
-    (block.pixels, block.counts)
 }
 
 impl Block<'_> {
@@ -164,7 +182,7 @@ impl Block<'_> {
         edges.iter().map(|e| EXPECTED * EXPECTED * light(e) * light(e)).sum()
     }
 
-    /// What needs more than its corners; the rest is settled.
+    /// What may need more than its corners; the rest is settled.
     #[expect(clippy::vec_box, reason = "those settled leave the list, and the rest would be moved")]
     fn roots(&mut self) -> Vec<Box<Work>> {
         let (w, h, from) = (self.region.width(), self.region.height(), self.origin());
@@ -237,7 +255,6 @@ impl Block<'_> {
             let seen = Seen::new(self.tracer, &self.extra, k);
             works[work].views.push(View { at, seen, open: DVec3::ZERO, area: f64::from(m.area), extra: true });
         }
-        works.retain_mut(|w| !self.open(w));
         works
     }
 

@@ -110,8 +110,8 @@ impl Cell {
 
     /// Whether it should be cut into a left and a right half, where it differs so much (in squares) from
     /// left to right and from top to bottom.
-    pub(super) fn upright(&self, across: f64, down: f64) -> bool {
-        let (w, h) = (f64::from(self.width), f64::from(self.height));
+    pub(super) fn upright(&self, across: f32, down: f32) -> bool {
+        let (w, h) = (f32::from(self.width), f32::from(self.height));
         if w > 2.0 * h || h > 2.0 * w {
             return w > h;
         }
@@ -131,7 +131,7 @@ pub(super) struct Cut {
     pub(super) along: bool,
 }
 
-/// The cells of a pixel, side by side.
+/// The cells of a pixel, side by side, in no particular order.
 #[derive(Default)]
 pub(super) struct Cells {
     pub(super) cells: Vec<Cell>,
@@ -150,31 +150,30 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// A pixel of which the corners are known, clockwise from the upper left one: what they show, and what
-    /// they meet first.
-    pub(super) fn new(corners: [(DVec3, u32); 4]) -> Self {
+    /// Begins with a pixel of which the corners are known, clockwise from the upper left one: what they show, and
+    /// what they meet first. Memory is used again.
+    pub(super) fn begin(&mut self, corners: [(DVec3, u32); 4]) {
         let unit = UNIT as u16;
         let places = [(0, 0), (unit, 0), (unit, unit), (0, unit)];
         let points = places.into_iter().zip(corners);
-        let points = points.map(|((x, y), (open, first))| Point { x, y, open, first }).collect();
         let root = Cell { x: 0, y: 0, width: unit, height: unit, corners: [0, 1, 2, 3], inherited: 0.0, error: None };
-        Self { cells: vec![root], points, fresh: 4, ..Self::default() }
+        self.cells.clear();
+        self.cells.push(root);
+        self.points.clear();
+        self.points.extend(points.map(|((x, y), (open, first))| Point { x, y, open, first }));
+        self.fresh = 4;
+        self.asked.clear();
+        self.near.clear();
+        self.compared = 0;
+        self.index.clear();
     }
 
-    /// Halves cells as `cuts` says of each.
-    pub(super) fn cut(&mut self, cuts: &[Option<Cut>]) {
-        let more: usize = cuts.iter().flatten().map(|cut| 1 << cut.times).sum();
-        let old = std::mem::replace(&mut self.cells, Vec::with_capacity(cuts.len() + more));
-        self.points.reserve(more + more / 2);
-        self.index.reserve(more + more / 2);
-        for (cell, cut) in old.into_iter().zip(cuts) {
-            match cut {
-                None => self.cells.push(cell),
-                Some(cut) => {
-                    let inherited = cell.error.map_or(0.0, |e| e.spread);
-                    self.halve(Cell { inherited, error: None, ..cell }, *cut);
-                }
-            }
+    /// Halves cells, each as its cut says.
+    pub(super) fn cut(&mut self, cuts: &[(usize, Cut)]) {
+        for &(at, cut) in cuts {
+            let cell = self.cells[at];
+            let inherited = cell.error.map_or(0.0, |e| e.spread);
+            self.halve(Some(at), Cell { inherited, error: None, ..cell }, cut);
         }
     }
 
@@ -186,9 +185,13 @@ impl Cells {
         fresh
     }
 
-    fn halve(&mut self, cell: Cell, cut: Cut) {
+    /// Puts what comes of `cell` at the place `at` first, then behind all others.
+    fn halve(&mut self, at: Option<usize>, cell: Cell, cut: Cut) {
         if cut.times == 0 || !cell.divisible() {
-            self.cells.push(cell);
+            match at {
+                Some(at) => self.cells[at] = cell,
+                None => self.cells.push(cell),
+            }
             return;
         }
         let cell = Cell { inherited: INHERITED * cell.inherited, ..cell };
@@ -209,9 +212,9 @@ impl Cells {
                 Cell { y: cell.y + h, height: h, corners: [left, right, c, d], ..cell },
             )
         };
-        for half in [one, other] {
+        for (at, half) in [(at, one), (None, other)] {
             let upright = if cut.along { cut.upright } else { half.upright(0.0, 0.0) };
-            self.halve(half, Cut { times: cut.times - 1, upright, ..cut });
+            self.halve(at, half, Cut { times: cut.times - 1, upright, ..cut });
         }
     }
 
@@ -231,15 +234,17 @@ mod tests {
     use super::*;
 
     fn pixel() -> Cells {
-        Cells::new([(DVec3::ZERO, NONE); 4])
+        let mut cells = Cells::default();
+        cells.begin([(DVec3::ZERO, NONE); 4]);
+        cells
     }
 
     #[test]
     fn cells_cover_the_pixel() {
         let mut cells = pixel();
-        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })]);
+        cells.cut(&[(0, Cut { times: 2, upright: true, along: false })]);
         assert_eq!((cells.cells.len(), cells.points.len()), (4, 9));
-        cells.cut(&[None, Some(Cut { times: 3, upright: false, along: false }), None, None]);
+        cells.cut(&[(1, Cut { times: 3, upright: false, along: false })]);
         assert_eq!(cells.cells.len(), 11);
         assert_eq!(cells.cells.iter().map(Cell::area).sum::<f64>(), 1.0);
     }
@@ -247,13 +252,23 @@ mod tests {
     #[test]
     fn cells_that_touch_share_points() {
         let mut cells = pixel();
-        cells.cut(&[Some(Cut { times: 1, upright: true, along: false })]);
+        cells.cut(&[(0, Cut { times: 1, upright: true, along: false })]);
         assert_eq!(cells.points.len(), 6);
-        cells.cut(&[Some(Cut { times: 1, upright: false, along: false }), None]);
+        cells.cut(&[(0, Cut { times: 1, upright: false, along: false })]);
         assert_eq!(cells.points.len(), 8);
         // The side between the halves is known in its middle.
-        cells.cut(&[None, None, Some(Cut { times: 1, upright: false, along: false })]);
+        cells.cut(&[(1, Cut { times: 1, upright: false, along: false })]);
         assert_eq!(cells.points.len(), 9);
+    }
+
+    #[test]
+    fn nothing_is_left_of_the_pixel_before() {
+        let mut cells = pixel();
+        cells.cut(&[(0, Cut { times: 4, upright: true, along: false })]);
+        cells.begin([(DVec3::ONE, 7); 4]);
+        cells.cut(&[(0, Cut { times: 1, upright: true, along: false })]);
+        assert_eq!((cells.cells.len(), cells.points.len(), cells.take_fresh()), (2, 6, 4..6));
+        assert!(cells.points[..4].iter().all(|p| p.first == 7) && cells.asked.is_empty());
     }
 
     #[test]
@@ -261,9 +276,7 @@ mod tests {
         let mut cells = pixel();
         for _ in 0..40 {
             // Always the first cell alone.
-            let mut cuts = vec![None; cells.cells.len()];
-            cuts[0] = Some(Cut { times: 1, upright: cells.cells[0].upright(0.0, 0.0), along: false });
-            cells.cut(&cuts);
+            cells.cut(&[(0, Cut { times: 1, upright: cells.cells[0].upright(0.0, 0.0), along: false })]);
         }
         assert!(!cells.cells[0].divisible());
         assert_eq!(cells.cells.len(), 20);

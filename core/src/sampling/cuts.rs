@@ -12,7 +12,7 @@ const GO: u32 = 4;
 /// Where a pixel has more cells, none is halved.
 const MOST: usize = 2048;
 /// Differences along an edge that is taken to run along an axis, as a share of those across it, in squares.
-const ALONG: f64 = 1.0 / 64.0;
+const ALONG: f32 = 1.0 / 64.0;
 /// The least part of what is enough, or fixed, that variances are brought down to.
 const PART: f64 = 0.1;
 
@@ -23,8 +23,8 @@ pub(super) struct Error {
     /// The variance of its corners, or what that is taken to be at least.
     pub(super) spread: f64,
     /// How much what it shows differs from left to right, and from top to bottom.
-    pub(super) across: f64,
-    pub(super) down: f64,
+    pub(super) across: f32,
+    pub(super) down: f32,
 }
 
 /// What ends the search for a pixel's value.
@@ -36,17 +36,25 @@ pub(super) struct Limits {
     pub(super) a_point: Option<f64>,
 }
 
-/// How cells are cut whose errors add up, and to `fixed` that no point takes off; `None` where the pixel is
-/// done.
-pub(super) fn next(cells: &[Cell], fixed: f64, limits: Limits) -> Option<Vec<Option<Cut>>> {
-    let variance = |cell: &Cell| cell.error.map_or(0.0, |e| e.variance);
-    let sum = |divisible: bool| cells.iter().filter(move |c| c.divisible() == divisible).map(variance).sum::<f64>();
-    let (all, fixed) = (sum(true), fixed + sum(false));
+/// Which cells are cut, whose errors add up, and to `fixed` that no point takes off, and how; none where the
+/// pixel is done.
+pub(super) fn next(cells: &[Cell], fixed: f64, limits: Limits, cuts: &mut Vec<(usize, Cut)>) {
+    cuts.clear();
+    let (mut all, mut fixed, mut roots) = (0.0, fixed, 0.0);
+    for cell in cells {
+        let variance = cell.error.map_or(0.0, |e| e.variance);
+        if cell.divisible() {
+            all += variance;
+            roots += variance.sqrt();
+        } else {
+            fixed += variance;
+        }
+    }
     // What is fixed may be more than enough: then the rest need not be less than a part of it.
     let enough = (limits.enough - fixed).max(PART * limits.enough.max(fixed));
-    let go = GO.min((MOST / cells.len()).checked_ilog2()?);
+    let Some(go) = (MOST / cells.len()).checked_ilog2().map(|go| go.min(GO)) else { return };
     if all <= enough || go == 0 {
-        return None;
+        return;
     }
     let worth = match limits.a_point {
         Some(a_point) => HALVING * a_point,
@@ -54,23 +62,23 @@ pub(super) fn next(cells: &[Cell], fixed: f64, limits: Limits) -> Option<Vec<Opt
             // Halved t times, a cell leaves variances of a 4^t-th of its own, in all a 2^t-th. If all are brought
             // down to the same, that is enough where they are these. Towards that it goes half the way at a time, for
             // errors may fall faster.
-            let roots: f64 = cells.iter().filter(|c| c.divisible()).map(|c| variance(c).sqrt()).sum();
             let each = enough / roots;
             each * each
         }
     };
     let along = |e: &Error| e.across < ALONG * e.down || e.down < ALONG * e.across;
-    let cut = |cell: &Cell| {
-        let e = cell.error?;
+    for (at, cell) in cells.iter().enumerate() {
+        let Some(e) = cell.error else { continue };
         let times = e.variance / worth;
-        (cell.divisible() && times >= 1.0).then(|| Cut {
-            times: (libm::log(times) / libm::log(TWICE)).min(f64::from(go - 1)) as u32 + 1,
-            upright: if along(&e) { e.across > e.down } else { cell.upright(e.across, e.down) },
-            along: along(&e),
-        })
-    };
-    let cuts: Vec<_> = cells.iter().map(cut).collect();
-    cuts.iter().any(Option::is_some).then_some(cuts)
+        if times >= 1.0 && cell.divisible() {
+            let cut = Cut {
+                times: (libm::log(times) / libm::log(TWICE)).min(f64::from(go - 1)) as u32 + 1,
+                upright: if along(&e) { e.across > e.down } else { cell.upright(e.across, e.down) },
+                along: along(&e),
+            };
+            cuts.push((at, cut));
+        }
+    }
 }
 
 #[cfg(test)]
@@ -81,10 +89,24 @@ mod tests {
     use crate::sampling::cells::Cells;
     use crate::trace::record::NONE;
 
+    /// A pixel that nothing is known of.
+    fn pixel() -> Cells {
+        let mut cells = Cells::default();
+        cells.begin([(DVec3::ZERO, NONE); 4]);
+        cells
+    }
+
+    /// Which of `cells` are cut, and how often.
+    fn cuts(cells: &[Cell], fixed: f64, limits: Limits) -> Vec<(usize, u32)> {
+        let mut cuts = Vec::new();
+        next(cells, fixed, limits, &mut cuts);
+        cuts.iter().map(|(at, cut)| (*at, cut.times)).collect()
+    }
+
     /// Four cells of such variances.
     fn quarters(variances: [f64; 4]) -> Vec<Cell> {
-        let mut cells = Cells::new([(DVec3::ZERO, NONE); 4]);
-        cells.cut(&[Some(Cut { times: 2, upright: true, along: false })]);
+        let mut cells = pixel();
+        cells.cut(&[(0, Cut { times: 2, upright: true, along: false })]);
         let error = |variance| Some(Error { variance, across: 1.0, ..Error::default() });
         cells.cells.iter_mut().zip(variances).for_each(|(c, v)| c.error = error(v));
         cells.cells
@@ -93,42 +115,46 @@ mod tests {
     #[test]
     fn what_is_worth_it_is_cut() {
         let limits = Limits { enough: 1e-9, a_point: Some(1e-6) };
-        let cuts = next(&quarters([1e-5, 1e-7, 1e-1, 0.0]), 0.0, limits).expect("cuts");
-        assert_eq!(cuts.iter().map(|c| c.map(|c| c.times)).collect::<Vec<_>>(), [Some(1), None, Some(4), None]);
-        assert!(cuts.iter().flatten().all(|c| c.upright));
+        let cells = quarters([1e-5, 1e-7, 1e-1, 0.0]);
+        assert_eq!(cuts(&cells, 0.0, limits), [(0, 1), (2, 4)]);
+        let mut found = Vec::new();
+        next(&cells, 0.0, limits, &mut found);
+        assert!(found.iter().all(|(_, c)| c.upright));
     }
 
     #[test]
     fn it_ends_where_nothing_is_worth_a_point_or_all_is_enough() {
         let found = quarters([1e-7; 4]);
-        assert_eq!(next(&found, 0.0, Limits { enough: 1e-5, a_point: None }), None);
-        assert_eq!(next(&found, 0.0, Limits { enough: 1e-9, a_point: Some(1e-3) }), None);
+        assert_eq!(cuts(&found, 0.0, Limits { enough: 1e-5, a_point: None }), []);
+        assert_eq!(cuts(&found, 0.0, Limits { enough: 1e-9, a_point: Some(1e-3) }), []);
     }
 
     #[test]
     fn what_no_point_takes_off_is_not_chased() {
         let limits = Limits { enough: 1e-6, a_point: None };
-        assert_eq!(next(&quarters([1e-5; 4]), 1e-2, limits), None);
-        assert_eq!(next(&quarters([0.0; 4]), 1e-2, limits), None);
+        assert_eq!(cuts(&quarters([1e-5; 4]), 1e-2, limits), []);
+        assert_eq!(cuts(&quarters([0.0; 4]), 1e-2, limits), []);
     }
 
     #[test]
     fn towards_what_is_enough_all_are_brought_down_to_the_same() {
         let limits = Limits { enough: 1e-4, a_point: None };
-        let cuts = next(&quarters([1e-7, 1e-3, 1e-5, 1e-7]), 0.0, limits).expect("cuts");
-        assert_eq!(cuts.iter().map(|c| c.map(|c| c.times)).collect::<Vec<_>>(), [None, Some(2), Some(1), None]);
+        assert_eq!(cuts(&quarters([1e-7, 1e-3, 1e-5, 1e-7]), 0.0, limits), [(1, 2), (2, 1)]);
     }
 
     #[test]
     fn it_always_goes_on_until_then() {
         for a_point in [None, Some(1e-9), Some(1e-4)] {
             let limits = Limits { enough: 1e-6, a_point };
-            let mut cells = Cells::new([(DVec3::ZERO, NONE); 4]);
+            let (mut cells, mut cuts) = (pixel(), Vec::new());
             let mut rounds = 0;
             loop {
                 // However much is done, errors are beyond all measure.
                 cells.cells.iter_mut().for_each(|c| c.error = Some(Error { variance: 1e9, ..Error::default() }));
-                let Some(cuts) = next(&cells.cells, 0.5, limits) else { break };
+                next(&cells.cells, 0.5, limits, &mut cuts);
+                if cuts.is_empty() {
+                    break;
+                }
                 cells.cut(&cuts);
                 rounds += 1;
                 assert!(rounds <= 20);

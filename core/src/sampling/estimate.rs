@@ -149,8 +149,8 @@ impl Work {
         Error {
             variance: SPREAD * area * area * spread + unseen,
             spread,
-            across: (a - b).length_squared() + (d - c).length_squared(),
-            down: (a - d).length_squared() + (b - c).length_squared(),
+            across: ((a - b).length_squared() + (d - c).length_squared()) as f32,
+            down: ((a - d).length_squared() + (b - c).length_squared()) as f32,
         }
     }
 }

@@ -132,9 +132,10 @@ impl Block<'_> {
             // Among so much else, outlines of what is seen first tell little.
             work.strata = None;
         }
-        let mut cells = Cells::new([0, 1, 2, 3].map(|k| (work.views[k].open, work.views[k].seen.first)));
+        let mut cells = self.spare.pop().unwrap_or_default();
+        cells.begin([0, 1, 2, 3].map(|k| (work.views[k].open, work.views[k].seen.first)));
         cells.whole = work.wants_whole_paths();
-        cells.cut(&[Some(Cut { times, upright: true, along: false })]);
+        cells.cut(&[(0, Cut { times, upright: true, along: false })]);
         self.ask_fresh(work, &mut cells);
         work.how = How::Cells(cells);
     }
@@ -169,6 +170,7 @@ impl Block<'_> {
     /// Takes in what a pixel's points showed, and asks for more if need be. Whether it is settled.
     fn grow(&mut self, work: &mut Work) -> bool {
         let How::Cells(cells) = &mut work.how else { return true };
+        let mut cells = std::mem::take(cells);
         let mut astray = false;
         for (k, place) in cells.asked.drain(..) {
             let point = &mut cells.points[k as usize];
@@ -182,19 +184,20 @@ impl Block<'_> {
         }
         if astray {
             // Something was met that no corner shows: nothing is known to be the same everywhere.
+            self.spare.push(cells);
             self.look_at_all(work, self.all_rays(work));
             self.begin(work);
             return false;
         }
-        let mut cells = std::mem::take(cells);
         let estimate = work.estimate(&mut cells, self.tracer);
         let limits = Limits { enough: self.tolerance * self.tolerance, a_point: self.a_point(work) };
-        let cuts = cuts::next(&cells.cells, estimate.fixed, limits);
-        let Some(cuts) = cuts else {
+        cuts::next(&cells.cells, estimate.fixed, limits, &mut self.cuts);
+        if self.cuts.is_empty() {
             self.finish(work.pixel, estimate.value(work, &cells), estimate.variance(&cells));
+            self.spare.push(cells);
             return true;
-        };
-        cells.cut(&cuts);
+        }
+        cells.cut(&self.cuts);
         self.ask_fresh(work, &mut cells);
         work.how = How::Cells(cells);
         false

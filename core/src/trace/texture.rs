@@ -79,15 +79,16 @@ fn find(mappings: &[Mapping], id: ObjectId) -> &Mapping {
     &mappings[at]
 }
 
-/// (u, v) of the outward unit normal `m` of a sphere.
-fn on_sphere(map: &Mapping, m: DVec3) -> DVec2 {
+/// (u, v) of the outward unit normal `m` of a sphere, and the sine of its angle to the poles.
+fn on_sphere(map: &Mapping, m: DVec3) -> (DVec2, f64) {
     let [e, b, p] = map.axes;
     let (x, y, z) = (m.dot(e), m.dot(b), m.dot(p));
     // atan2 of sine and cosine keeps its accuracy at the poles, where acos loses half of it.
-    let angle = libm::atan2((x * x + y * y).sqrt(), z);
+    let sine = (x * x + y * y).sqrt();
+    let angle = libm::atan2(sine, z);
     let turn = libm::atan2(y, x) / std::f64::consts::TAU;
     let u = if turn < 0.0 { turn + 1.0 } else { turn };
-    DVec2::new(u, 1.0 - angle / std::f64::consts::PI)
+    (DVec2::new(u, 1.0 - angle / std::f64::consts::PI), sine)
 }
 
 /// x − ⌊x⌋ in [0, 1).
@@ -109,10 +110,9 @@ pub(crate) fn coordinates(
         Kind::Sphere(_) => {
             let map = find(mappings, decision.id);
             let m = if decision.inside { -place.n } else { place.n };
-            let uv = on_sphere(map, m.to_dvec3());
-            // Near a pole, u turns by en over the sine of the colatitude.
-            let sine = libm::sin(uv.y * std::f64::consts::PI).max(1e-300);
-            (uv, (place.en + 8.0 * U) * (0.5 + 0.5 / sine))
+            let (uv, sine) = on_sphere(map, m.to_dvec3());
+            // Near a pole, u turns by en over the sine.
+            (uv, (place.en + 8.0 * U) * (0.5 + 0.5 / sine.max(1e-300)))
         }
         Kind::Plane(_) => {
             let map = find(mappings, decision.id);
@@ -135,7 +135,7 @@ pub(crate) fn exact_coordinates<const N: usize>(scene: &Scene, mappings: &[Mappi
     match kind(scene, hit.decision.id) {
         Kind::Sphere(_) => {
             let m = hit.normal();
-            on_sphere(find(mappings, hit.decision.id), if hit.decision.inside { -m } else { m })
+            on_sphere(find(mappings, hit.decision.id), if hit.decision.inside { -m } else { m }).0
         }
         Kind::Plane(_) => {
             let map = find(mappings, hit.decision.id);
