@@ -24,7 +24,7 @@ use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
 /// So many open pixels are worked on at a time: enough for waves of points to be full, and few enough for their
 /// cells to stay at hand.
-const AT_ONCE: usize = 128;
+const AT_ONCE: usize = 64;
 /// Small things are looked at one by one, where a pixel has no more of them.
 const FEATURES: usize = 6;
 /// Rays that are worth an error of one tolerance in a pixel.

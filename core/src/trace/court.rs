@@ -4,9 +4,10 @@ use glam::{DVec2, DVec3};
 
 use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
+use super::double::DoublePath;
 use super::prepared::PreparedScene;
 use super::shade::Place;
-use super::{Tracer, double, texture};
+use super::{Tracer, texture};
 use crate::geometry::{ObjectId, V3};
 use crate::scene::Pigment;
 
@@ -177,9 +178,10 @@ pub(crate) struct Refined {
     pub(crate) hit: Option<WideHit>,
 }
 
-/// The path at both widths, each as far as it was needed.
+/// The path in double-double and at both widths, each as far as it was needed.
 #[derive(Default)]
 pub(crate) struct Court {
+    double: Option<DoublePath>,
     first: Option<ExactPath<FIRST>>,
     last: Option<Box<ExactPath<LAST>>>,
     /// From where the last width has used its digits up: any width is as good then.
@@ -228,7 +230,7 @@ impl Court {
         let tracer = case.tracer;
         let pictured = matches!(tracer.material(met.id).pigment, Pigment::Picture(_));
         if !pictured
-            && let Some((place, mirrored)) = double::place(case, met)
+            && let Some((place, mirrored)) = self.double.get_or_insert_with(|| DoublePath::new(case)).place(case, met)
             && !tracer.too_wide(&place, throughput)
         {
             return Some(Refined { place, mirrored, hit: None });

@@ -16,27 +16,55 @@ use crate::geometry::{DoubleDouble, Ray, Real, U};
 /// Longer paths are left to the court, which remembers how far it has followed them.
 const SHORT: usize = 8;
 
-/// Where the path of `case` meets `met`, right to the last digits of f64, and the direction mirrored there.
-pub(super) fn place(case: &Case<'_>, met: Decision) -> Option<(Place, DVec3)> {
-    if case.trail.len() > SHORT {
-        return None;
+/// A path as far as it was followed.
+pub(super) struct DoublePath {
+    /// Decisions followed, the last of them, and the ray after it.
+    done: usize,
+    from: Option<Decision>,
+    ray: Ray<DoubleDouble>,
+    /// What that ray is known to meet, and where.
+    met: Option<(Decision, Place<DoubleDouble>)>,
+}
+
+impl DoublePath {
+    pub(super) fn new(case: &Case<'_>) -> Self {
+        Self { done: 0, from: None, ray: case.tracer.frame.double_ray(case.point), met: None }
     }
-    let mut ray = case.tracer.frame.double_ray(case.point);
-    let mut from = None;
-    for &decision in case.trail {
-        let place = meet(case, &ray, decision, from)?;
-        ray = shade::reflect(&ray, &place);
-        from = Some(decision);
+
+    /// Where the path of `case`, which is this one, meets `met`, right to the last digits of f64, and the
+    /// direction mirrored there.
+    pub(super) fn place(&mut self, case: &Case<'_>, met: Decision) -> Option<(Place, DVec3)> {
+        if case.trail.len() > SHORT {
+            return None;
+        }
+        while let Some(&decision) = case.trail.get(self.done) {
+            let place = self.meet(case, decision)?;
+            self.ray = shade::reflect(&self.ray, &place);
+            self.from = Some(decision);
+            self.met = None;
+            self.done += 1;
+        }
+        let place = self.meet(case, met)?;
+        let mirrored = shade::reflect(&self.ray, &place);
+        let p = place.p.to_f64();
+        // Rounding to f64 loses half a unit of each coordinate; what was lost before must be no more.
+        let known = place.ep.hi <= U * p.norm1() && place.en.hi <= U && mirrored.ed.hi <= U;
+        known.then(|| {
+            let place = Place { p, ep: 4.0 * U * p.norm1(), n: place.n.to_f64(), en: 4.0 * U };
+            (place, mirrored.d.to_f64().to_dvec3())
+        })
     }
-    let place = meet(case, &ray, met, from)?;
-    let mirrored = shade::reflect(&ray, &place);
-    let p = place.p.to_f64();
-    // Rounding to f64 loses half a unit of each coordinate; what was lost before must be no more.
-    let known = place.ep.hi <= U * p.norm1() && place.en.hi <= U && mirrored.ed.hi <= U;
-    known.then(|| {
-        let place = Place { p, ep: 4.0 * U * p.norm1(), n: place.n.to_f64(), en: 4.0 * U };
-        (place, mirrored.d.to_f64().to_dvec3())
-    })
+
+    fn meet(&mut self, case: &Case<'_>, decision: Decision) -> Option<Place<DoubleDouble>> {
+        if let Some((of, place)) = self.met
+            && of == decision
+        {
+            return Some(place);
+        }
+        let place = meet(case, &self.ray, decision, self.from)?;
+        self.met = Some((decision, place));
+        Some(place)
+    }
 }
 
 fn meet(
