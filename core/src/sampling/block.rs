@@ -22,9 +22,9 @@ use crate::film::{PixelError, Region};
 use crate::trace::record::{Look, NONE, Probe, Records};
 use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
-/// So many open pixels are worked on at a time: enough for waves of points to be full, and few enough for their
-/// cells to stay at hand.
-const AT_ONCE: usize = 64;
+/// New pixels are begun with while fewer points than this are asked for: waves of them are full, and the cells of
+/// those begun with stay at hand.
+const FULL: usize = 1024;
 /// Small things are looked at one by one, where a pixel has no more of them.
 const FEATURES: usize = 6;
 /// Rays that are worth an error of one tolerance in a pixel.
@@ -82,7 +82,7 @@ pub(super) struct Block<'a> {
     pub(super) whole: Vec<PlanePoint>,
     pub(super) found: Vec<Sample>,
     /// Places among both of points that pixels share.
-    pub(super) shared: Index,
+    pub(super) shared: Index<u64>,
     /// Cells of pixels that are settled, for their memory, and cuts of the pixel at hand.
     pub(super) spare: Vec<Cells>,
     pub(super) cuts: Vec<(usize, Cut)>,
@@ -123,9 +123,9 @@ pub(crate) fn render(
         counts: RayCounts::default(),
     };
     let mut waiting = block.roots().into_iter();
-    let mut works = Vec::with_capacity(AT_ONCE);
+    let mut works = Vec::new();
     loop {
-        while works.len() < AT_ONCE
+        while block.points.len() + block.whole.len() < FULL
             && let Some(mut work) = waiting.next()
         {
             if !block.open(&mut work) {

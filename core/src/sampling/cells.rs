@@ -24,7 +24,7 @@ const SHORTEST: u16 = UNIT as u16 / 1024;
 const INHERITED: f64 = 0.5;
 
 /// Places of points by a number that stands for each.
-pub(super) type Index = HashMap<u64, u32, BuildHasherDefault<Mixed>>;
+pub(super) type Index<K> = HashMap<K, u32, BuildHasherDefault<Mixed>>;
 
 /// A hasher for numbers.
 #[derive(Default)]
@@ -39,6 +39,10 @@ impl Hasher for Mixed {
         for &b in bytes {
             self.write_u64(u64::from(b));
         }
+    }
+
+    fn write_u32(&mut self, x: u32) {
+        self.write_u64(u64::from(x));
     }
 
     fn write_u64(&mut self, x: u64) {
@@ -146,7 +150,7 @@ pub(super) struct Cells {
     /// Whether answers are whole paths.
     pub(super) whole: bool,
     /// Places of points by their coordinates. Every pixel has its own: small ones stay at hand.
-    index: Index,
+    index: Index<u32>,
 }
 
 impl Cells {
@@ -221,7 +225,7 @@ impl Cells {
     /// The point at (x, y).
     fn point(&mut self, x: u16, y: u16) -> u32 {
         let new = self.points.len() as u32;
-        let at = *self.index.entry(u64::from(x) << 16 | u64::from(y)).or_insert(new);
+        let at = *self.index.entry(u32::from(x) << 16 | u32::from(y)).or_insert(new);
         if at == new {
             self.points.push(Point { x, y, open: DVec3::ZERO, first: NONE });
         }
