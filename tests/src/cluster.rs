@@ -101,7 +101,12 @@ impl Cluster {
     /// # Panics
     /// When that is not to be had.
     pub async fn start_at(self, listen: ListenAddr) -> Running {
-        let farm = Farm::bind(listen).await.expect("a place to listen");
+        self.start_on(Farm::bind(listen).await.expect("a place to listen"))
+    }
+
+    /// As [`Cluster::start`], on a farm that listens already.
+    #[must_use]
+    pub fn start_on(self, farm: Farm) -> Running {
         let (addr, cancel) = (farm.addr(), CancellationToken::new());
         let (sender, progress) = watch::channel(Progress::default());
         let render = farm.render(self.job, sender, cancel.clone());

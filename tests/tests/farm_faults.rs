@@ -379,6 +379,36 @@ async fn a_port_in_use_is_said_before_anything_is_done() {
 }
 
 #[tokio::test]
+async fn workers_may_come_before_there_is_anything_to_render() {
+    let mut farm = Farm::bind(ListenAddr::Loopback).await.unwrap();
+    farm.hire(1, 1);
+    let early = comes_to(farm.addr(), Painted, "early");
+    // Nobody is answered yet, and who does not wait for that is forgotten.
+    let brief = Fake::register(farm.addr(), fake::registration("brief"));
+    assert!(tokio::time::timeout(Duration::from_millis(200), brief).await.is_err());
+    let gate = Gate::before(Painted, 0);
+    let mut running = painted().studio(gate.clone()).workers(1, 1).start_on(farm);
+    running.until(|p| p.workers.iter().filter(|w| w.connected).count() == 2).await;
+    gate.open();
+    let rendered = running.end().await.unwrap();
+    is_painted(&rendered);
+    assert!(rendered.workers.iter().all(|w| w.name != "brief"), "{:?}", rendered.workers);
+    assert_eq!(tokio::time::timeout(Duration::from_secs(60), early).await.unwrap().unwrap(), Left::Finished);
+}
+
+#[tokio::test]
+async fn hired_workers_leave_a_farm_that_renders_nothing() {
+    let farm = Farm::bind(ListenAddr::Loopback).await.unwrap();
+    let (never, tracer) = tokio::sync::watch::channel(None);
+    let local = Some(worker::LocalScene { secret: [0; 16], tracer });
+    let config = Config { local, once: true, ..Config::new(farm.addr().into()) };
+    let hired = tokio::spawn(worker::run(config, CancellationToken::new()));
+    drop(never);
+    let left = tokio::time::timeout(Duration::from_secs(60), hired).await.unwrap().unwrap();
+    assert_eq!(left.unwrap(), Left::Stopped);
+}
+
+#[tokio::test]
 async fn connections_that_say_nothing_are_in_nobodys_way() {
     let running = painted().start().await;
     let mut silent = Vec::new();

@@ -62,14 +62,14 @@ impl ConditionJson {
             );
         }
         let odd = [
-            (self.slivers, "triangle more than a million times longer than high", "kept, decided exactly"),
-            (self.flat_triangles, "triangle of exactly no area", "never met, left out"),
-            (self.coinciding_triangles, "triangle with the corners of an earlier one", "left out"),
-            (self.near_planes, "plane that is, or nearly is, an earlier one", "the first in the document is seen"),
+            (self.slivers, "triangle", "more than a million times longer than high: kept, decided exactly"),
+            (self.flat_triangles, "triangle", "of exactly no area: never met, left out"),
+            (self.coinciding_triangles, "triangle", "with the corners of an earlier one: left out"),
+            (self.near_planes, "plane", "the same as an earlier one, or nearly: the first in the document is seen"),
         ];
         for (n, what, outcome) in odd {
             if n > 0 {
-                line("numbers", format!("{}: {outcome}", of(n as u64, what)));
+                line("numbers", format!("{} {outcome}", of(n as u64, what)));
             }
         }
         let share = number(100.0 * self.outgrown);
