@@ -56,9 +56,9 @@ pub(crate) struct Outcome {
 
 /// Edge of the blocks that are looked at first towards an error.
 const SPOT: u32 = 8;
-/// One of so many blocks is looked at, and at least [`SPOTS`].
-const ONE_IN: usize = 40;
-const SPOTS: usize = 200;
+/// One of about so many blocks is looked at, and about [`SPOTS`] at least.
+const ONE_IN: f64 = 40.0;
+const SPOTS: f64 = 200.0;
 /// Looks at the spots, at most.
 const LOOKS: u32 = 2;
 /// The share of the error asked for that is aimed at after a whole picture: estimates err.
@@ -154,27 +154,38 @@ impl Plan {
         None
     }
 
-    /// Standard error of the root mean square that was seen at the spots, as a share of it.
+    /// Standard error of the root mean square that was seen at the spots, as a share of it. What lies between
+    /// them differs from them as they do from their neighbours.
     fn doubt(&self, outcome: &Outcome) -> f64 {
         // A spot may have come in several tiles, and these in any order.
-        let mut spots = BTreeMap::<(u32, u32), u64>::new();
+        let mut seen = BTreeMap::<(u32, u32), u64>::new();
         for (region, error) in &outcome.tiles {
-            let spot = ((region.y0 - self.region.y0) / SPOT, (region.x0 - self.region.x0) / SPOT);
-            let squares = spots.entry(spot).or_default();
+            let spot = ((region.x0 - self.region.x0) / SPOT, (region.y0 - self.region.y0) / SPOT);
+            let squares = seen.entry(spot).or_default();
             *squares = squares.saturating_add(error.squares);
         }
-        let n = spots.len() as f64;
-        let (mut sum, mut squares) = (0.0, 0.0);
-        for &q in spots.values() {
-            sum += q as f64;
-            squares += q as f64 * q as f64;
+        let spots = Spots::over(self.region);
+        let at = |i: u32, j: u32| spots.block(i, j).and_then(|b| seen.get(&b)).map_or(0.0, |&q| q as f64);
+        let (mut apart, mut pairs, mut sum) = (0.0, 0.0, 0.0);
+        for j in 0..spots.down {
+            for i in 0..spots.across {
+                let here = at(i, j);
+                sum += here;
+                for (other, inside) in [((i + 1, j), i + 1 < spots.across), ((i, j + 1), j + 1 < spots.down)] {
+                    if inside {
+                        let d = here - at(other.0, other.1);
+                        (apart, pairs) = (apart + 0.5 * d * d, pairs + 1.0);
+                    }
+                }
+            }
         }
-        if !(sum > 0.0 && n > 1.0) {
+        let n = f64::from(spots.across) * f64::from(spots.down);
+        if !(sum > 0.0 && pairs > 0.0) {
             return 0.0;
         }
-        let unseen = 1.0 - n / self.region.blocks(SPOT).len() as f64;
+        let unseen = 1.0 - n / (f64::from(spots.wide) * f64::from(spots.high));
         // A root's relative error is half of what is beneath it.
-        0.5 * (unseen.max(0.0) * (n * squares / (sum * sum) - 1.0).max(0.0) / (n - 1.0)).sqrt()
+        0.5 * (unseen.max(0.0) * n * apart / pairs).sqrt() / sum
     }
 
     /// Pixels of the picture.
@@ -211,19 +222,54 @@ impl Plan {
     /// Renders blocks spread over the picture, to see how errors depend on the tolerance.
     fn look(&mut self) -> Step {
         self.looks += 1;
-        let blocks = self.region.blocks(SPOT);
-        let count = (blocks.len() / ONE_IN).max(SPOTS).min(blocks.len());
-        // The fractional parts of multiples of the golden ratio are spread evenly, whatever the rows' length.
-        let mut chosen: Vec<usize> = (0..count)
-            .map(|k| {
-                let start = k * blocks.len() / count;
-                let end = (k + 1) * blocks.len() / count;
-                start + (k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_shr(40) as usize % (end - start)
-            })
-            .collect();
-        chosen.dedup();
-        let regions = chosen.into_iter().map(|k| blocks[k]).collect();
+        let spots = Spots::over(self.region);
+        let all = (0..spots.down).flat_map(|j| (0..spots.across).map(move |i| (i, j)));
+        let regions = all.filter_map(|(i, j)| spots.block(i, j)).map(|at| spots.region(at)).collect();
         Step { tolerance: Some(self.tolerance), regions, kept: false, dearer: 1.0 }
+    }
+}
+
+/// Blocks of a picture of which one in every field of a grid is looked at.
+#[derive(Clone, Copy, Debug)]
+struct Spots {
+    picture: Region,
+    /// Blocks across and down.
+    wide: u32,
+    high: u32,
+    /// Fields across and down.
+    across: u32,
+    down: u32,
+}
+
+impl Spots {
+    fn over(picture: Region) -> Self {
+        let (wide, high) = (picture.width().div_ceil(SPOT), picture.height().div_ceil(SPOT));
+        let count = (f64::from(wide) * f64::from(high) / ONE_IN).max(SPOTS);
+        let edge = (f64::from(wide) * f64::from(high) / count).max(1.0).sqrt();
+        let fields = |blocks: u32| ((f64::from(blocks) / edge).ceil() as u32).clamp(1, blocks);
+        Self { picture, wide, high, across: fields(wide), down: fields(high) }
+    }
+
+    /// The block of field (i, j) that is looked at, by column and row.
+    fn block(&self, i: u32, j: u32) -> Option<(u32, u32)> {
+        // Fractional parts that fill a square evenly (Roberts, *The unreasonable effectiveness of quasirandom
+        // sequences*, 2018).
+        let k = u64::from(j) * u64::from(self.across) + u64::from(i);
+        let pick = |k: u32, fields: u32, blocks: u32, part: u64| {
+            let edge = |k: u32| (u64::from(k) * u64::from(blocks) / u64::from(fields)) as u32;
+            let (from, to) = (edge(k), edge(k + 1));
+            (to > from).then(|| from + (u64::from(to - from) * (part >> 32) >> 32) as u32)
+        };
+        let part = |step: u64| k.wrapping_add(1).wrapping_mul(step);
+        let x = pick(i, self.across, self.wide, part(0xc13f_a9a9_02a6_328f))?;
+        let y = pick(j, self.down, self.high, part(0x91e1_0da5_c79e_7b1c))?;
+        Some((x, y))
+    }
+
+    fn region(&self, (x, y): (u32, u32)) -> Region {
+        let Region { x0, y0, x1, y1 } = self.picture;
+        let (left, top) = (x0 + x * SPOT, y0 + y * SPOT);
+        Region { x0: left, y0: top, x1: x1.min(left + SPOT), y1: y1.min(top + SPOT) }
     }
 }
 
