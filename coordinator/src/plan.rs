@@ -56,15 +56,14 @@ pub(crate) struct Outcome {
 
 /// Edge of the blocks that are looked at first towards an error.
 const SPOT: u32 = 8;
-/// One of about so many blocks is looked at, and about [`SPOTS`] at least.
-const ONE_IN: f64 = 40.0;
-const SPOTS: f64 = 200.0;
-/// Looks at the spots, at most.
-const LOOKS: u32 = 2;
-/// The share of the error asked for that is aimed at after a whole picture: estimates err.
+/// At the first look one of about so many blocks is seen, and about so many at least: it finds the tolerance
+/// roughly. At the second more of them are: it tells how that one does.
+const LOOKS: [(f64, f64); 2] = [(160.0, 60.0), (40.0, 200.0)];
+/// The share of the error asked for that is aimed at after the first look, and after a whole picture: estimates
+/// err.
 const AIM: f64 = 0.9;
-/// What is aimed at after a look is less by this share, and by what is in doubt.
-const SURE: f64 = 0.06;
+/// What is aimed at after the last look is less by this share, and by what is in doubt.
+const SURE: f64 = 0.04;
 /// And no less than this share.
 const LEAST_AIM: f64 = 0.75;
 /// Errors fall with the tolerance to about this power, over the scenes measured.
@@ -82,7 +81,7 @@ pub(crate) struct Plan {
     goal: Goal,
     region: Region,
     tolerance: Tolerance,
-    looks: u32,
+    looks: usize,
     whole: u32,
 }
 
@@ -134,13 +133,16 @@ impl Plan {
 
     fn towards(&mut self, error: f64, outcome: &Outcome) -> Option<Step> {
         let got = outcome.error.rmse();
-        let share = if self.whole == 0 { (1.0 - SURE - self.doubt(outcome)).max(LEAST_AIM) } else { AIM };
+        let share = match (self.whole, self.looks < LOOKS.len()) {
+            (0, false) => (1.0 - SURE - self.doubt(outcome)).max(LEAST_AIM),
+            _ => AIM,
+        };
         let aim = share * error;
         let ratio = if got > 0.0 { (aim / got).clamp(0.02, 50.0) } else { 50.0 };
         let better = |power: f64, t: Tolerance| Tolerance::new(t.fraction() * libm::pow(ratio, power));
         if self.whole == 0 {
             let next = better(1.0 / ERROR_POWER, self.tolerance);
-            if (0.7..=1.1).contains(&ratio) || self.looks == LOOKS || next == self.tolerance {
+            if self.looks == LOOKS.len() {
                 return Some(self.render(next, Vec::new()));
             }
             self.tolerance = next;
@@ -164,7 +166,7 @@ impl Plan {
             let squares = seen.entry(spot).or_default();
             *squares = squares.saturating_add(error.squares);
         }
-        let spots = Spots::over(self.region);
+        let spots = self.spots();
         let at = |i: u32, j: u32| spots.block(i, j).and_then(|b| seen.get(&b)).map_or(0.0, |&q| q as f64);
         let (mut apart, mut pairs, mut sum) = (0.0, 0.0, 0.0);
         for j in 0..spots.down {
@@ -219,10 +221,16 @@ impl Plan {
         Step { tolerance: Some(tolerance), regions, kept: true, dearer }
     }
 
+    /// What the look at hand sees.
+    fn spots(&self) -> Spots {
+        let (one_in, least) = LOOKS[self.looks.clamp(1, LOOKS.len()) - 1];
+        Spots::over(self.region, one_in, least)
+    }
+
     /// Renders blocks spread over the picture, to see how errors depend on the tolerance.
     fn look(&mut self) -> Step {
         self.looks += 1;
-        let spots = Spots::over(self.region);
+        let spots = self.spots();
         let all = (0..spots.down).flat_map(|j| (0..spots.across).map(move |i| (i, j)));
         let regions = all.filter_map(|(i, j)| spots.block(i, j)).map(|at| spots.region(at)).collect();
         Step { tolerance: Some(self.tolerance), regions, kept: false, dearer: 1.0 }
@@ -242,9 +250,10 @@ struct Spots {
 }
 
 impl Spots {
-    fn over(picture: Region) -> Self {
+    /// One of about `one_in` blocks, and about `least` at least.
+    fn over(picture: Region, one_in: f64, least: f64) -> Self {
         let (wide, high) = (picture.width().div_ceil(SPOT), picture.height().div_ceil(SPOT));
-        let count = (f64::from(wide) * f64::from(high) / ONE_IN).max(SPOTS);
+        let count = (f64::from(wide) * f64::from(high) / one_in).max(least);
         let edge = (f64::from(wide) * f64::from(high) / count).max(1.0).sqrt();
         let fields = |blocks: u32| ((f64::from(blocks) / edge).ceil() as u32).clamp(1, blocks);
         Self { picture, wide, high, across: fields(wide), down: fields(high) }
