@@ -23,6 +23,7 @@
 //! 4·place/r. Each operation on numbers adds [`Slack::rounding`] of its terms.
 
 use std::cmp::Ordering;
+use std::sync::OnceLock;
 
 use glam::DVec3;
 
@@ -180,7 +181,7 @@ fn triangle<const N: usize>(scene: &Scene, i: usize) -> [Vector<N>; 3] {
 
 /// A plane in wide numbers: n · P = offset.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct ExactPlane<const N: usize> {
+struct ExactPlane<const N: usize> {
     n: Vector<N>,
     offset: Big<N>,
     /// 2 / n², what mirrors a ray.
@@ -190,8 +191,21 @@ pub(crate) struct ExactPlane<const N: usize> {
     reach: Bound,
 }
 
-impl<const N: usize> ExactPlane<N> {
+/// A plane at both widths; at the last, which few scenes ask for, from when it is asked for.
+#[derive(Debug)]
+pub(crate) struct ExactPlanes {
+    first: ExactPlane<FIRST>,
+    last: OnceLock<Box<ExactPlane<LAST>>>,
+}
+
+impl ExactPlanes {
     pub(crate) fn new(plane: &Plane) -> Self {
+        Self { first: ExactPlane::new(plane), last: OnceLock::new() }
+    }
+}
+
+impl<const N: usize> ExactPlane<N> {
+    fn new(plane: &Plane) -> Self {
         let n = Vector::new(plane.normal);
         let offset = match plane.position {
             PlanePosition::Point(q) => n.dot(&Vector::new(q)),
@@ -201,13 +215,19 @@ impl<const N: usize> ExactPlane<N> {
         Self { n, offset, fold: Big::new(2.0).over(n.dot(&n)), length: size(&n), reach }
     }
 
-    /// Plane `i`: of the first width there is one ready.
+    /// Plane `i`.
     fn of(prepared: &PreparedScene, i: usize) -> Self {
-        if N != FIRST {
-            return Self::new(&prepared.scene.planes()[i]);
+        let ExactPlanes { first, last } = &prepared.exact_planes[i];
+        if N == FIRST {
+            first.resize()
+        } else {
+            last.get_or_init(|| Box::new(ExactPlane::new(&prepared.scene.planes()[i]))).resize()
         }
-        let ExactPlane { n, offset, fold, length, reach } = &prepared.exact_planes[i];
-        Self { n: n.resize(), offset: offset.resize(), fold: fold.resize(), length: *length, reach: *reach }
+    }
+
+    fn resize<const M: usize>(&self) -> ExactPlane<M> {
+        let Self { n, offset, fold, length, reach } = self;
+        ExactPlane { n: n.resize(), offset: offset.resize(), fold: fold.resize(), length: *length, reach: *reach }
     }
 
     fn cross(&self, ray: &ExactRay<N>) -> Crossing<N> {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{self, ExactPlane, ExactRay, FIRST, LAST, Unsure};
+use super::arbiter::{self, ExactPlanes, ExactRay, FIRST, LAST, Unsure};
 use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Builder, Coordinate, Item, Wide};
@@ -25,7 +25,7 @@ pub struct PreparedScene {
     /// The scene for packets of f32 rays, where its numbers allow that.
     pub(crate) filter: Option<Filter>,
     /// The planes in wide numbers.
-    pub(crate) exact_planes: Vec<ExactPlane<FIRST>>,
+    pub(crate) exact_planes: Vec<ExactPlanes>,
     /// Share of objects whose boxes f32 would enlarge noticeably.
     pub(crate) outgrown: f64,
     /// Triangles of exactly no area.
@@ -51,7 +51,7 @@ impl PreparedScene {
         let local = Local::new(&scene);
         let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
         let filter = Filter::new(&scene, &local, &boxes);
-        let exact_planes = scene.planes().iter().map(ExactPlane::new).collect();
+        let exact_planes = scene.planes().iter().map(ExactPlanes::new).collect();
         Self { scene, local, boxes, filter, exact_planes, outgrown, flat }
     }
 
