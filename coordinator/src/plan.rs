@@ -267,7 +267,7 @@ impl Spots {
         let pick = |k: u32, fields: u32, blocks: u32, part: u64| {
             let edge = |k: u32| (u64::from(k) * u64::from(blocks) / u64::from(fields)) as u32;
             let (from, to) = (edge(k), edge(k + 1));
-            (to > from).then(|| from + (u64::from(to - from) * (part >> 32) >> 32) as u32)
+            (to > from).then(|| from + ((u64::from(to - from) * (part >> 32)) >> 32) as u32)
         };
         let part = |step: u64| k.wrapping_add(1).wrapping_mul(step);
         let x = pick(i, self.across, self.wide, part(0xc13f_a9a9_02a6_328f))?;
