@@ -25,10 +25,12 @@ struct Few {
     leaf: u32,
 }
 
+/// Hierarchies of more nodes are not all at hand: so many fill a second-level cache.
+const AT_HAND: usize = 4096;
+
 impl Few {
     fn of(wide: &Wide<f32>) -> Self {
-        // So many nodes fill a second-level cache.
-        if wide.nodes.len() > 4096 { Self { inner: 6, leaf: 2 } } else { Self { inner: 2, leaf: 0 } }
+        if wide.nodes.len() > AT_HAND { Self { inner: 6, leaf: 2 } } else { Self { inner: 2, leaf: 0 } }
     }
 }
 
@@ -268,9 +270,12 @@ impl<'a, S: Simd> Journey<'a, S> {
         top
     }
 
-    /// Asks memory for what `child` names.
+    /// Asks memory for what `child` names, where that may be far.
     #[inline(always)]
     pub(super) fn expect(&self, child: Child) {
+        if self.wide.nodes.len() <= AT_HAND {
+            return;
+        }
         match child.link() {
             Link::Inner(index) => prefetch(&self.wide.nodes, index, 1),
             Link::Leaf { kind: 0, start, count } => self.filter.triangles.expect(start, count),
