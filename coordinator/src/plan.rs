@@ -66,6 +66,8 @@ const AIM: f64 = 0.9;
 const SURE: f64 = 0.04;
 /// And no less than this share.
 const LEAST_AIM: f64 = 0.75;
+/// So many times the error that was seen is aimed at, at most.
+const COARSER: f64 = 3.0;
 /// Errors fall with the tolerance to about this power, over the scenes measured.
 const ERROR_POWER: f64 = 0.6;
 /// Time rises with the inverse of the tolerance to about this power.
@@ -138,11 +140,12 @@ impl Plan {
             _ => AIM,
         };
         let aim = share * error;
-        let ratio = if got > 0.0 { (aim / got).clamp(0.02, 50.0) } else { 50.0 };
+        // Where a look met nothing of what is in the picture, it says little.
+        let ratio = if got > 0.0 { (aim / got).clamp(0.02, COARSER) } else { 1.0 };
         let better = |power: f64, t: Tolerance| Tolerance::new(t.fraction() * libm::pow(ratio, power));
         if self.whole == 0 {
             let next = better(1.0 / ERROR_POWER, self.tolerance);
-            if self.looks == LOOKS.len() {
+            if self.looks == LOOKS.len() || next == self.tolerance || self.spots().are_all() {
                 return Some(self.render(next, Vec::new()));
             }
             self.tolerance = next;
@@ -167,7 +170,7 @@ impl Plan {
             *squares = squares.saturating_add(error.squares);
         }
         let spots = self.spots();
-        let at = |i: u32, j: u32| spots.block(i, j).and_then(|b| seen.get(&b)).map_or(0.0, |&q| q as f64);
+        let at = |i: u32, j: u32| seen.get(&spots.block(i, j)).map_or(0.0, |&q| q as f64);
         let (mut apart, mut pairs, mut sum) = (0.0, 0.0, 0.0);
         for j in 0..spots.down {
             for i in 0..spots.across {
@@ -230,9 +233,7 @@ impl Plan {
     /// Renders blocks spread over the picture, to see how errors depend on the tolerance.
     fn look(&mut self) -> Step {
         self.looks += 1;
-        let spots = self.spots();
-        let all = (0..spots.down).flat_map(|j| (0..spots.across).map(move |i| (i, j)));
-        let regions = all.filter_map(|(i, j)| spots.block(i, j)).map(|at| spots.region(at)).collect();
+        let regions = self.spots().regions().collect();
         Step { tolerance: Some(self.tolerance), regions, kept: false, dearer: 1.0 }
     }
 }
@@ -253,26 +254,46 @@ impl Spots {
     /// One of about `one_in` blocks, and about `least` at least.
     fn over(picture: Region, one_in: f64, least: f64) -> Self {
         let (wide, high) = (picture.width().div_ceil(SPOT), picture.height().div_ceil(SPOT));
-        let count = (f64::from(wide) * f64::from(high) / one_in).max(least);
-        let edge = (f64::from(wide) * f64::from(high) / count).max(1.0).sqrt();
-        let fields = |blocks: u32| ((f64::from(blocks) / edge).ceil() as u32).clamp(1, blocks);
-        Self { picture, wide, high, across: fields(wide), down: fields(high) }
+        let blocks = f64::from(wide) * f64::from(high);
+        let count = (blocks / one_in).max(least).min(blocks);
+        // As square as the picture allows.
+        let fields = |count: f64, blocks: u32| (count.ceil() as u32).clamp(1, blocks);
+        let shorter = |blocks: u32, other: u32| fields((count * f64::from(blocks) / f64::from(other)).sqrt(), blocks);
+        let longer = |shorter: u32, blocks: u32| fields(count / f64::from(shorter), blocks);
+        let (across, down) = if wide <= high {
+            let across = shorter(wide, high);
+            (across, longer(across, high))
+        } else {
+            let down = shorter(high, wide);
+            (longer(down, wide), down)
+        };
+        Self { picture, wide, high, across, down }
+    }
+
+    /// Whether every block is looked at.
+    fn are_all(&self) -> bool {
+        (self.across, self.down) == (self.wide, self.high)
+    }
+
+    fn regions(self) -> impl Iterator<Item = Region> {
+        let all = (0..self.down).flat_map(move |j| (0..self.across).map(move |i| (i, j)));
+        all.map(move |(i, j)| self.region(self.block(i, j)))
     }
 
     /// The block of field (i, j) that is looked at, by column and row.
-    fn block(&self, i: u32, j: u32) -> Option<(u32, u32)> {
+    fn block(&self, i: u32, j: u32) -> (u32, u32) {
         // Fractional parts that fill a square evenly (Roberts, *The unreasonable effectiveness of quasirandom
         // sequences*, 2018).
         let k = u64::from(j) * u64::from(self.across) + u64::from(i);
         let pick = |k: u32, fields: u32, blocks: u32, part: u64| {
             let edge = |k: u32| (u64::from(k) * u64::from(blocks) / u64::from(fields)) as u32;
             let (from, to) = (edge(k), edge(k + 1));
-            (to > from).then(|| from + ((u64::from(to - from) * (part >> 32)) >> 32) as u32)
+            from + ((u64::from(to - from) * (part >> 32)) >> 32) as u32
         };
         let part = |step: u64| k.wrapping_add(1).wrapping_mul(step);
-        let x = pick(i, self.across, self.wide, part(0xc13f_a9a9_02a6_328f))?;
-        let y = pick(j, self.down, self.high, part(0x91e1_0da5_c79e_7b1c))?;
-        Some((x, y))
+        let x = pick(i, self.across, self.wide, part(0xc13f_a9a9_02a6_328f));
+        let y = pick(j, self.down, self.high, part(0x91e1_0da5_c79e_7b1c));
+        (x, y)
     }
 
     fn region(&self, (x, y): (u32, u32)) -> Region {
@@ -284,6 +305,8 @@ impl Spots {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     /// A picture whose error falls with a power of the tolerance, and never below `least`.
@@ -324,6 +347,97 @@ mod tests {
                 let got = kept.expect("a picture");
                 assert!(got <= 1.02 * target && got > target / 3.0, "{scale} {power}: {got} for {target}");
                 assert!(passes <= 8, "{passes} passes");
+            }
+        }
+    }
+
+    /// What a look or a render gives of a picture that errs in `part` alone, where errors are as the tolerance but
+    /// never above `most`.
+    fn speck(step: &Step, whole: Region, part: Region, most: f64) -> Outcome {
+        let tolerance = step.tolerance.map_or(0.0, Tolerance::fraction).min(most);
+        let regions = if step.regions.is_empty() { vec![whole] } else { step.regions.clone() };
+        let squares = |r: &Region| {
+            let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| f64::from(a1.min(b1).saturating_sub(a0.max(b0)));
+            let pixels = overlap(r.x0, r.x1, part.x0, part.x1) * overlap(r.y0, r.y1, part.y0, part.y1);
+            (pixels * tolerance * tolerance * f64::from(1u32 << ErrorEstimate::SHIFT)) as u64
+        };
+        let of = |r: Region| (r, ErrorEstimate { pixels: r.area(), squares: squares(&r), ..ErrorEstimate::default() });
+        let tiles: Vec<_> = regions.into_iter().map(of).collect();
+        let mut error = ErrorEstimate::default();
+        tiles.iter().for_each(|(_, e)| error += *e);
+        Outcome { error, tiles, ..Outcome::default() }
+    }
+
+    #[test]
+    fn what_no_look_meets_leads_nowhere_far() {
+        let target = 0.5 / 255.0;
+        for (x0, y0) in [(0, 0), (301, 203), (77, 400), (555, 31), (160, 120), (431, 333)] {
+            let part = Region { x0, y0, x1: x0 + 32, y1: y0 + 24 };
+            let mut plan = Plan::new(Goal::Error(target), region());
+            let (mut step, mut got, mut whole) = (plan.first(), 1.0, 0);
+            loop {
+                let outcome = speck(&step, region(), part, 0.2);
+                if step.kept {
+                    (got, whole) = (outcome.error.rmse(), whole + 1);
+                }
+                let Some(next) = plan.next(&outcome) else { break };
+                step = next;
+            }
+            assert!(got <= target && whole <= 2, "{x0},{y0}: {got}, {whole} times");
+        }
+    }
+
+    #[test]
+    fn the_more_spots_differ_from_their_neighbours_the_more_is_in_doubt() {
+        let doubt = |squares: &dyn Fn(u32) -> u64| {
+            let mut plan = Plan::new(Goal::Error(0.002), region());
+            let step = plan.first();
+            let of =
+                |r: &Region| (*r, ErrorEstimate { pixels: r.area(), squares: squares(r.x0), ..Default::default() });
+            let tiles: Vec<_> = step.regions.iter().map(of).collect();
+            plan.doubt(&Outcome { tiles, ..Outcome::default() })
+        };
+        let ragged = |x: u32| u64::from((x / SPOT).wrapping_mul(0x9e37_79b9) >> 22);
+        let (even, slope, ragged) = (doubt(&|_| 500), doubt(&|x| u64::from(x)), doubt(&ragged));
+        assert_eq!(even, 0.0);
+        assert!(0.0 < slope && 2.0 * slope < ragged && ragged < 0.5, "{slope}, {ragged}");
+    }
+
+    #[test]
+    fn small_pictures_are_looked_at_once() {
+        let small = Region { x0: 8, y0: 16, x1: 40, y1: 48 };
+        let mut plan = Plan::new(Goal::Error(0.002), small);
+        let step = plan.first();
+        assert_eq!(step.regions.iter().map(Region::area).sum::<u64>(), small.area());
+        assert!(plan.next(&picture(&step, small, (1.0, 0.6, 0.0))).expect("a picture").kept);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+        #[test]
+        fn spots_are_about_as_many_as_meant_and_in_the_picture(
+            (x0, y0) in (0u32..5000, 0u32..5000),
+            (w, h) in (1u32..3000, 1u32..3000),
+            narrow in 0u32..3,
+        ) {
+            let (w, h) = match narrow {
+                0 => (w, h),
+                1 => (w, h % 20 + 1),
+                _ => (w % 20 + 1, h),
+            };
+            let picture = Region { x0, y0, x1: x0 + w, y1: y0 + h };
+            let blocks = f64::from(w.div_ceil(SPOT)) * f64::from(h.div_ceil(SPOT));
+            for (one_in, least) in LOOKS {
+                let regions: Vec<Region> = Spots::over(picture, one_in, least).regions().collect();
+                let count = (blocks / one_in).max(least).min(blocks);
+                let some = regions.len() as f64;
+                prop_assert!(some >= 0.99 * count && some <= 1.5 * count + 20.0, "{some} for {count}");
+                let mut corners: Vec<_> = regions.iter().map(|r| (r.x0, r.y0)).collect();
+                corners.sort_unstable();
+                corners.dedup();
+                prop_assert_eq!(corners.len(), regions.len());
+                prop_assert!(regions.iter().all(|r| r.area() > 0 && picture.contains(r)));
             }
         }
     }

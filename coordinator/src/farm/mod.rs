@@ -59,6 +59,7 @@ impl std::fmt::Debug for Farm {
 
 /// Workers in this process.
 struct Hired {
+    count: usize,
     /// Where they are given what they render with.
     tracer: watch::Sender<Option<Arc<dyn TileTracer>>>,
     /// They end when the set is dropped.
@@ -99,7 +100,8 @@ impl Farm {
     }
 
     /// Starts `workers` in this process, of so many `threads` together and one each at least. They connect now
-    /// and then wait for a scene. A job whose workers were not hired before has them hired by [`Farm::render`].
+    /// and then wait for a scene: what a job says of workers and threads does not count then. If none were hired,
+    /// [`Farm::render`] hires those of its job. Must be called inside a runtime.
     pub fn hire(&mut self, workers: usize, threads: usize) {
         if workers == 0 || self.hired.is_some() {
             return;
@@ -108,7 +110,7 @@ impl Farm {
         let local = LocalScene { secret: self.door.secret, tracer: local };
         let stop = self.closing.token();
         let _tasks = start_workers((workers, threads), self.addr, &local, stop);
-        self.hired = Some(Hired { tracer, _tasks });
+        self.hired = Some(Hired { count: workers, tracer, _tasks });
     }
 
     /// The address workers connect to, with its actual port.
@@ -135,7 +137,7 @@ impl Farm {
         {
             return Err(RenderError::Region(job.region).into());
         }
-        let tracer = tracer(&job).await?;
+        let tracer = if job.workers > 0 || self.hired.is_some() { Some(tracer(&job).await?) } else { None };
         progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
 
         self.hire(job.workers, job.threads);
@@ -154,7 +156,7 @@ impl Farm {
             region: job.region,
             tile: job.tile,
             samples,
-            expected: job.workers,
+            expected: hired.as_ref().map_or(0, |hired| hired.count),
             patience: job.patience,
             suspect_after: job.timing.suspect_after,
             dead_after: job.timing.dead_after,
@@ -195,11 +197,8 @@ impl Farm {
     }
 }
 
-/// What renders tiles in this process, one for all its workers; `None` where there are none.
-async fn tracer(job: &RenderJob) -> Result<Option<Arc<dyn TileTracer>>, RenderError> {
-    if job.workers == 0 {
-        return Ok(None);
-    }
+/// What renders tiles in this process, one for all its workers.
+async fn tracer(job: &RenderJob) -> Result<Arc<dyn TileTracer>, RenderError> {
     let (scene, studio, settings) = (job.scene.clone(), job.studio.clone(), job.settings);
     let opened = tokio::task::spawn_blocking(move || {
         let prepared = match scene {
@@ -208,7 +207,7 @@ async fn tracer(job: &RenderJob) -> Result<Option<Arc<dyn TileTracer>>, RenderEr
         };
         studio.open(prepared, settings)
     });
-    Ok(Some(opened.await.map_err(|e| RenderError::Internal(e.to_string()))??))
+    Ok(opened.await.map_err(|e| RenderError::Internal(e.to_string()))??)
 }
 
 /// Starts workers that share so many threads; they end when the set is dropped.

@@ -36,6 +36,11 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
+    /// Candidates that there is room for.
+    pub(crate) fn capacity(&self) -> usize {
+        self.found.capacity()
+    }
+
     /// After a [`Closest::Doubt`] or [`Occluded::Doubt`]: the objects it concerns.
     pub(crate) fn candidates(&self) -> impl Iterator<Item = ObjectId> + '_ {
         self.found.iter().map(|(id, _)| *id)

@@ -86,7 +86,7 @@ pub(crate) struct Dark {
     /// The object it starts on, with [`INSIDE`].
     pub(crate) from: u32,
     /// Its place among the blockers.
-    at: u32,
+    at: usize,
 }
 
 /// Recorded paths, in the order they were asked for.
@@ -179,7 +179,7 @@ impl Records {
     /// Takes in what blocks each of them.
     pub(crate) fn blocked_by(&mut self, found: &[u32]) {
         for (dark, object) in self.dark.drain(..).zip(found) {
-            self.blockers[dark.at as usize] = *object;
+            self.blockers[dark.at] = *object;
         }
     }
 
@@ -350,7 +350,7 @@ impl<'a> Recording<'a> {
         if let Sink::Records { records, latest, .. } = &mut self.sink
             && records.kept > 0
         {
-            let at = (latest[path] as usize * records.kept + light) as u32;
+            let at = latest[path] as usize * records.kept + light;
             records.dark.push(Dark { at, from, ray: segment() });
         }
     }

@@ -3,8 +3,8 @@
 //! Rays that stay together are tested against one box after another, sixteen rays at a time.
 //! Where few of them are left, each goes on [alone](super::alone), against eight boxes at a time (Benthin,
 //! Wald, Woop, Ernst, *Combining single and packet-ray tracing for arbitrary ray
-//! distributions on the Intel MIC architecture*, TVCG 18(9), 2012). What will be visited is
-//! asked of memory when it is found, long before it is needed.
+//! distributions on the Intel MIC architecture*, TVCG 18(9), 2012). In large hierarchies, what will be
+//! visited is asked of memory when it is found, long before it is needed.
 
 use super::alone::Alone;
 use super::beam::{Beam, LEAST_NODES};
@@ -25,7 +25,7 @@ struct Few {
     leaf: u32,
 }
 
-/// Hierarchies of more nodes are not all at hand: so many fill a second-level cache.
+/// Hierarchies of more nodes, and their objects, are not at hand: so many nodes fill a second-level cache.
 const AT_HAND: usize = 4096;
 
 impl Few {
@@ -185,7 +185,7 @@ impl<'a, S: Simd> Journey<'a, S> {
         }
     }
 
-    /// Pushes the children of node `index` that rays of `mask` meet, the nearest last.
+    /// Pushes the children of node `index` that rays of `mask` meet, the nearest last where it matters.
     #[inline(always)]
     fn open<V: Visit<S>>(
         &self,

@@ -12,7 +12,7 @@ mod light;
 mod paths;
 mod places;
 
-use std::cell::RefCell;
+use std::cell::Cell;
 
 pub(crate) use blockers::Blockers;
 use glam::DVec3;
@@ -86,17 +86,22 @@ impl Default for WaveScratch {
 }
 
 thread_local! {
-    static SCRATCH: RefCell<WaveScratch> = RefCell::default();
+    static SCRATCH: Cell<Option<Box<WaveScratch>>> = const { Cell::new(None) };
 }
 
+/// Memory for more doubts than this is given back.
+const DOUBTS: usize = 1 << 16;
+
 impl WaveScratch {
-    /// Does `work` with this thread's memory, which takes a while to be had and is the same for every scene.
+    /// Does `work` with this thread's memory, which takes a while to be had and is the same for every scene. What
+    /// does not end leaves none behind.
     pub(crate) fn with<T>(work: impl FnOnce(&mut Self) -> T) -> T {
-        SCRATCH.with(|scratch| match scratch.try_borrow_mut() {
-            Ok(mut scratch) => work(&mut scratch),
-            // Another piece of work waits on this thread.
-            Err(_) => work(&mut Self::default()),
-        })
+        let mut scratch = SCRATCH.take().unwrap_or_default();
+        let done = work(&mut scratch);
+        if scratch.walk.doubts.capacity().max(scratch.path.query.capacity()) <= DOUBTS {
+            SCRATCH.set(Some(scratch));
+        }
+        done
     }
 }
 
