@@ -309,21 +309,26 @@ mod tests {
 
     use super::*;
 
-    /// A picture whose error falls with a power of the tolerance, and never below `least`.
-    fn picture(step: &Step, whole: Region, (scale, power, least): (f64, f64, f64)) -> Outcome {
-        let tolerance = step.tolerance.map_or(0.0, Tolerance::fraction);
-        let rmse = (scale * libm::pow(tolerance, power)).max(least);
+    /// What `step` gives of a picture in whose regions errors add up to `squares` in all.
+    fn outcome(step: &Step, whole: Region, squares: impl Fn(&Region) -> f64) -> Outcome {
         let regions = if step.regions.is_empty() { vec![whole] } else { step.regions.clone() };
         let tiles: Vec<(Region, ErrorEstimate)> = regions
             .into_iter()
             .map(|r| {
-                let squares = rmse * rmse * r.area() as f64 * f64::from(1u32 << ErrorEstimate::SHIFT);
-                (r, ErrorEstimate { pixels: r.area(), squares: squares as u64, ..ErrorEstimate::default() })
+                let squares = (squares(&r) * f64::from(1u32 << ErrorEstimate::SHIFT)) as u64;
+                (r, ErrorEstimate { pixels: r.area(), squares, ..ErrorEstimate::default() })
             })
             .collect();
         let mut error = ErrorEstimate::default();
         tiles.iter().for_each(|(_, e)| error += *e);
         Outcome { error, tiles, ..Outcome::default() }
+    }
+
+    /// Of a picture whose error falls with a power of the tolerance, and never below `least`.
+    fn picture(step: &Step, whole: Region, (scale, power, least): (f64, f64, f64)) -> Outcome {
+        let tolerance = step.tolerance.map_or(0.0, Tolerance::fraction);
+        let rmse = (scale * libm::pow(tolerance, power)).max(least);
+        outcome(step, whole, |r| rmse * rmse * r.area() as f64)
     }
 
     fn region() -> Region {
@@ -351,21 +356,14 @@ mod tests {
         }
     }
 
-    /// What a look or a render gives of a picture that errs in `part` alone, where errors are as the tolerance but
-    /// never above `most`.
+    /// Of a picture that errs in `part` alone, where errors are as the tolerance but never above `most`.
     fn speck(step: &Step, whole: Region, part: Region, most: f64) -> Outcome {
         let tolerance = step.tolerance.map_or(0.0, Tolerance::fraction).min(most);
-        let regions = if step.regions.is_empty() { vec![whole] } else { step.regions.clone() };
-        let squares = |r: &Region| {
-            let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| f64::from(a1.min(b1).saturating_sub(a0.max(b0)));
+        let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| f64::from(a1.min(b1).saturating_sub(a0.max(b0)));
+        outcome(step, whole, |r| {
             let pixels = overlap(r.x0, r.x1, part.x0, part.x1) * overlap(r.y0, r.y1, part.y0, part.y1);
-            (pixels * tolerance * tolerance * f64::from(1u32 << ErrorEstimate::SHIFT)) as u64
-        };
-        let of = |r: Region| (r, ErrorEstimate { pixels: r.area(), squares: squares(&r), ..ErrorEstimate::default() });
-        let tiles: Vec<_> = regions.into_iter().map(of).collect();
-        let mut error = ErrorEstimate::default();
-        tiles.iter().for_each(|(_, e)| error += *e);
-        Outcome { error, tiles, ..Outcome::default() }
+            pixels * tolerance * tolerance
+        })
     }
 
     #[test]

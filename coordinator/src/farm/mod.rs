@@ -137,10 +137,10 @@ impl Farm {
         {
             return Err(RenderError::Region(job.region).into());
         }
-        let tracer = if job.workers > 0 || self.hired.is_some() { Some(tracer(&job).await?) } else { None };
+        self.hire(job.workers, job.threads);
+        let tracer = if self.hired.is_some() { Some(tracer(&job).await?) } else { None };
         progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
 
-        self.hire(job.workers, job.threads);
         let Self { door, heard, server, hired, closing, .. } = self;
         let offer = Offer { scene: job.scene.scene().clone(), settings: job.settings, pixels: job.pixels };
         door.offer.get_or_init(|| offer);

@@ -234,10 +234,11 @@ impl Cells {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn pixel() -> Cells {
+    /// A pixel that nothing is known of.
+    pub(in crate::sampling) fn pixel() -> Cells {
         let mut cells = Cells::default();
         cells.begin([(DVec3::ZERO, NONE); 4]);
         cells

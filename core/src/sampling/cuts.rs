@@ -83,18 +83,8 @@ pub(super) fn next(cells: &[Cell], fixed: f64, limits: Limits, cuts: &mut Vec<(u
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
-    use crate::sampling::cells::Cells;
-    use crate::trace::record::NONE;
-
-    /// A pixel that nothing is known of.
-    fn pixel() -> Cells {
-        let mut cells = Cells::default();
-        cells.begin([(DVec3::ZERO, NONE); 4]);
-        cells
-    }
+    use crate::sampling::cells::tests::pixel;
 
     /// Which of `cells` are cut, and how often.
     fn cuts(cells: &[Cell], fixed: f64, limits: Limits) -> Vec<(usize, u32)> {

@@ -9,7 +9,6 @@ use super::prepared::PreparedScene;
 use super::shade::Place;
 use super::{Tracer, texture};
 use crate::geometry::{ObjectId, V3};
-use crate::scene::Pigment;
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {
@@ -228,8 +227,7 @@ impl Court {
     /// there. `throughput` is what the path has left of the light.
     pub(crate) fn place(&mut self, case: &Case<'_>, met: Decision, throughput: f64, mirrored: bool) -> Option<Refined> {
         let tracer = case.tracer;
-        let pictured = matches!(tracer.material(met.id).pigment, Pigment::Picture(_));
-        if !pictured
+        if !tracer.is_pictured(met.id.0)
             && let Some((place, mirrored)) = self.double.get_or_insert_with(|| DoublePath::new(case)).place(case, met)
             && !tracer.too_wide(&place, throughput)
         {
