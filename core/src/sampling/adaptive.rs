@@ -13,7 +13,9 @@ use rayon::prelude::*;
 
 use super::audit;
 use super::pixel::{Pixel, Rule};
-use super::points::{Sequence, with_apron};
+use super::points::{Sequence, centre, with_apron};
+use super::proof::{Doubt, prove};
+use crate::beam::lens::EDGE;
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::settings::{AuditRate, Tolerance};
 use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
@@ -87,12 +89,42 @@ impl First {
         let (mut sum, mut weights) = (0.0, 0.0);
         for j in y.max(y0 + 1) - 1..(y + 2).min(y1) {
             for i in x.max(x0 + 1) - 1..(x + 2).min(x1) {
+                // Of what is proven nothing is learnt about others.
+                if self.at((i, j)).is_known() {
+                    continue;
+                }
                 let weight = [4.0, 2.0, 1.0][(x.abs_diff(i) + y.abs_diff(j)) as usize];
                 sum += weight * self.at((i, j)).variance();
                 weights += weight;
             }
         }
         sum / weights
+    }
+}
+
+/// What is in doubt of the pixels of a block.
+struct Doubts {
+    /// Of the tiles that lie in it, by row and column.
+    tiles: Vec<Doubt>,
+    across: u32,
+    x0: u32,
+    y0: u32,
+}
+
+impl Doubts {
+    fn new(tracer: &Tracer, block: Region) -> Self {
+        let view = &tracer.settings().view;
+        let (x0, y0) = (block.x0 / EDGE, block.y0 / EDGE);
+        let (across, down) = (block.x1.div_ceil(EDGE) - x0, block.y1.div_ceil(EDGE) - y0);
+        let tiles = (0..across * down)
+            .map(|k| prove(tracer, centre(view, (x0 + k % across) * EDGE, (y0 + k / across) * EDGE)))
+            .collect();
+        Self { tiles, across, x0, y0 }
+    }
+
+    fn at(&self, (x, y): (u32, u32)) -> f32 {
+        let tile = &self.tiles[((y / EDGE - self.y0) * self.across + x / EDGE - self.x0) as usize];
+        tile[(y % EDGE * EDGE + x % EDGE) as usize]
     }
 }
 
@@ -106,21 +138,32 @@ fn first(tracer: &Tracer, region: Region, counts: &mut RayCounts) -> First {
             let mut counts = RayCounts::default();
             let mut order = Vec::new();
             packets(block.width(), block.height(), |i, j| order.push((block.x0 + i, block.y0 + j)));
-            let points: Vec<PlanePoint> = order
-                .iter()
-                .flat_map(|&at| {
+            let doubts = Doubts::new(tracer, block);
+            let mut points: Vec<PlanePoint> = Vec::new();
+            for &at in &order {
+                if doubts.at(at) == 0.0 {
+                    points.push(centre(view, at.0, at.1));
+                } else {
                     let sequence = Sequence::new(view, at, PICTURE);
-                    (0..FIRST).map(move |k| sequence.point(k))
-                })
-                .collect();
+                    points.extend((0..FIRST).map(|k| sequence.point(k)));
+                }
+            }
             let mut samples = vec![Sample::BLANK; points.len()];
             WaveScratch::with(|scratch| tracer.trace(&points, 0.0, &mut samples, scratch, &mut counts));
+            let mut rest = &samples[..];
+            let mut next = |n: usize| {
+                let (these, behind) = rest.split_at(n);
+                rest = behind;
+                these
+            };
             let pixels: Vec<_> = order
                 .into_iter()
-                .zip(samples.chunks_exact(FIRST as usize))
-                .map(|(at, samples)| {
+                .map(|at| {
+                    if doubts.at(at) == 0.0 {
+                        return (at, Pixel::known(next(1)[0].radiance));
+                    }
                     let mut pixel = Pixel::default();
-                    pixel.add(samples.iter().map(|s| s.radiance));
+                    pixel.add(next(FIRST as usize).iter().map(|s| s.radiance));
                     (at, pixel)
                 })
                 .collect();
@@ -150,7 +193,9 @@ impl Refinement<'_> {
         let mut pixels: Vec<Pixel> = block_pixels(block)
             .map(|at| {
                 let mut pixel = *first.at(at);
-                pixel.expect(first.pooled(at));
+                if !pixel.is_known() {
+                    pixel.expect(first.pooled(at));
+                }
                 pixel
             })
             .collect();

@@ -5,3 +5,6 @@ pub(crate) mod audit;
 pub(crate) mod coarse;
 pub(crate) mod pixel;
 pub(crate) mod points;
+pub(crate) mod proof;
+mod shadows;
+mod sheet;

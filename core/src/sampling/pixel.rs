@@ -65,6 +65,11 @@ impl Pixel {
         Self { sum: mean, squares: 0.0, points: 1, kappa: 0.0, weight: 0.0 }
     }
 
+    /// Whether its mean is known without more ado.
+    pub(crate) fn is_known(&self) -> bool {
+        self.points == 1
+    }
+
     /// Adds samples that are the next of the pixel's sequence. They double their number, or are the first.
     pub(crate) fn add(&mut self, samples: impl Iterator<Item = DVec3>) {
         let (mut sum, mut squares, mut n) = (DVec3::ZERO, 0.0, 0);

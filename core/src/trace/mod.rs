@@ -104,6 +104,12 @@ pub(crate) struct Material {
     pub(crate) pigment: Pigment,
 }
 
+impl Material {
+    pub(crate) fn reflect(&self) -> f64 {
+        self.reflect
+    }
+}
+
 /// Traces pixels of one picture: a prepared scene under fixed settings.
 #[derive(Debug)]
 pub struct Tracer {
@@ -168,6 +174,10 @@ impl Tracer {
 
     pub(crate) fn frame(&self) -> &Frame {
         &self.frame
+    }
+
+    pub(crate) fn level(&self) -> Level {
+        self.level
     }
 
     pub(crate) fn prepared(&self) -> &PreparedScene {
