@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
+use crate::sampling::strata::Shape;
 
 /// What an object is to a tile under a lens. Inverse distances w = 1/t are in units of the direction's length.
 #[derive(Clone, Copy, Debug)]
@@ -69,6 +70,28 @@ impl Quadratic {
 }
 
 impl Depth {
+    /// The outline of a ball that is seen as an ellipse.
+    pub(crate) fn outline(&self) -> Option<Shape> {
+        let Self::Ball { q, .. } = self else { return None };
+        let [k0, k1, k2, k3, k4, k5] = q.k;
+        // Its matrix is negative where the outline is an ellipse.
+        let det = k3 * k5 - 0.25 * k4 * k4;
+        if !(k3 < 0.0 && det > 0.0) {
+            return None;
+        }
+        let middle = [(0.25 * k4 * k2 - 0.5 * k5 * k1) / det, (0.25 * k4 * k1 - 0.5 * k3 * k2) / det];
+        let top = k0 + 0.5 * (k1 * middle[0] + k2 * middle[1]);
+        if !(top > 0.0) {
+            return None;
+        }
+        // Conjugate radii by Cholesky: of -k3 x² - k4 xy - k5 y² = top.
+        let a = (-k3).sqrt();
+        let b = -0.5 * k4 / a;
+        let c = (det / -k3).sqrt();
+        let r = top.sqrt();
+        Some(Shape::Oval(middle, [r / a, 0.0], [-b * r / (a * c), r / c]))
+    }
+
     /// Least and greatest inverse distance in the pixels of row `j`.
     #[inline(always)]
     pub(crate) fn row(&self, tile: &Tile, j: usize) -> ([f64; 8], [f64; 8]) {

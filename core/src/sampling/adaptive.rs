@@ -11,10 +11,12 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::audit;
+use super::audit::{self, Audited};
+use super::composite::Composite;
 use super::pixel::{Pixel, Rule};
 use super::points::{Sequence, centre, with_apron};
 use super::proof::{Doubt, prove};
+use super::strata::{self, Shapes};
 use crate::beam::lens::EDGE;
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::settings::{AuditRate, Tolerance};
@@ -44,12 +46,28 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
             .map(|block| {
                 WaveScratch::with(|scratch| {
                     let mut counts = RayCounts::default();
-                    let pixels = Refinement { tracer, scratch, counts: &mut counts }.refine(block, &rule, &first);
+                    let (pixels, composites) =
+                        Refinement { tracer, scratch, counts: &mut counts }.refine(block, &rule, &first);
+                    let mut done: Vec<Audited> = block_pixels(block)
+                        .zip(&pixels)
+                        .map(|(at, p)| Audited {
+                            at,
+                            value: p.mean(),
+                            points: p.points,
+                            expected: p.error(),
+                            open: !p.is_known(),
+                            parts: None,
+                        })
+                        .collect();
+                    for c in &composites {
+                        let at = ((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize;
+                        let pixel = Audited { value: c.mean(), expected: c.error(), parts: Some(c), ..done[at] };
+                        done[at] = pixel;
+                    }
                     let mut error = ErrorEstimate::default();
-                    pixels.iter().for_each(|p| error.add(p.error()));
-                    let values = block_pixels(block).zip(&pixels).map(|(at, p)| (at, p.mean(), p.points, p.error()));
-                    audit::audit(tracer, values, tolerance, rate, scratch, &mut counts, &mut error);
-                    (block, pixels, error, counts)
+                    done.iter().for_each(|p| error.add(p.expected));
+                    audit::audit(tracer, &done, tolerance, rate, scratch, &mut counts, &mut error);
+                    (block, done.iter().map(|p| p.value).collect::<Vec<_>>(), error, counts)
                 })
             })
             .collect();
@@ -58,7 +76,7 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
             counts += c;
             for ((x, y), p) in block_pixels(block).zip(&part) {
                 let at = (y - region.y0) as usize * region.width() as usize + (x - region.x0) as usize;
-                pixels[at] = p.mean().to_array().map(|c| c as f32);
+                pixels[at] = p.to_array().map(|c| c as f32);
             }
         }
     }
@@ -74,6 +92,8 @@ pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
 struct First {
     region: Region,
     pixels: Vec<Pixel>,
+    /// Those of them that have parts.
+    composites: Vec<Composite>,
 }
 
 impl First {
@@ -105,7 +125,7 @@ impl First {
 /// What is in doubt of the pixels of a block.
 struct Doubts {
     /// Of the tiles that lie in it, by row and column.
-    tiles: Vec<Doubt>,
+    tiles: Vec<(Doubt, Shapes)>,
     across: u32,
     x0: u32,
     y0: u32,
@@ -124,7 +144,28 @@ impl Doubts {
 
     fn at(&self, (x, y): (u32, u32)) -> f32 {
         let tile = &self.tiles[((y / EDGE - self.y0) * self.across + x / EDGE - self.x0) as usize];
-        tile[(y % EDGE * EDGE + x % EDGE) as usize]
+        tile.0[(y % EDGE * EDGE + x % EDGE) as usize]
+    }
+
+    /// The pixels of `block` that have parts.
+    fn composites(&self, tracer: &Tracer, block: Region) -> Vec<Composite> {
+        let view = &tracer.settings().view;
+        let mut composites = Vec::new();
+        for (k, (doubt, shapes)) in self.tiles.iter().enumerate().filter(|(_, (_, shapes))| !shapes.is_empty()) {
+            let (i, j) = (self.x0 + k as u32 % self.across, self.y0 + k as u32 / self.across);
+            for index in (0..EDGE * EDGE).filter(|at| doubt[*at as usize] > 0.0) {
+                let (x, y) = (i * EDGE + index % EDGE, j * EDGE + index / EDGE);
+                if x < block.x0 || x >= block.x1 || y < block.y0 || y >= block.y1 {
+                    continue;
+                }
+                let middle = centre(view, x, y);
+                let parts = strata::parts(shapes, index, (f64::from(middle.x), f64::from(middle.y)));
+                if !parts.is_empty() {
+                    composites.push(Composite::new((x, y), PICTURE, parts));
+                }
+            }
+        }
+        composites
     }
 }
 
@@ -139,6 +180,7 @@ fn first(tracer: &Tracer, region: Region, counts: &mut RayCounts) -> First {
             let mut order = Vec::new();
             packets(block.width(), block.height(), |i, j| order.push((block.x0 + i, block.y0 + j)));
             let doubts = Doubts::new(tracer, block);
+            let composites = doubts.composites(tracer, block);
             let mut points: Vec<PlanePoint> = Vec::new();
             for &at in &order {
                 if doubts.at(at) == 0.0 {
@@ -163,21 +205,23 @@ fn first(tracer: &Tracer, region: Region, counts: &mut RayCounts) -> First {
                         return (at, Pixel::known(next(1)[0].radiance));
                     }
                     let mut pixel = Pixel::default();
-                    pixel.add(next(FIRST as usize).iter().map(|s| s.radiance));
+                    pixel.add(FIRST, next(FIRST as usize).iter().map(|s| s.radiance));
                     (at, pixel)
                 })
                 .collect();
-            (pixels, counts)
+            (pixels, composites, counts)
         })
         .collect();
+    let mut composites = Vec::new();
     let mut pixels = vec![Pixel::default(); region.area() as usize];
-    for (part, c) in done {
+    for (part, more, c) in done {
         *counts += c;
+        composites.extend(more);
         for ((x, y), pixel) in part {
             pixels[(y - region.y0) as usize * region.width() as usize + (x - region.x0) as usize] = pixel;
         }
     }
-    First { region, pixels }
+    First { region, pixels, composites }
 }
 
 /// Samples a block's pixels further.
@@ -188,7 +232,7 @@ struct Refinement<'a> {
 }
 
 impl Refinement<'_> {
-    fn refine(&mut self, block: Region, rule: &Rule, first: &First) -> Vec<Pixel> {
+    fn refine(&mut self, block: Region, rule: &Rule, first: &First) -> (Vec<Pixel>, Vec<Composite>) {
         let view = &self.tracer.settings().view;
         let mut pixels: Vec<Pixel> = block_pixels(block)
             .map(|at| {
@@ -199,24 +243,43 @@ impl Refinement<'_> {
                 pixel
             })
             .collect();
+        let inside = |(x, y): (u32, u32)| (block.x0..block.x1).contains(&x) && (block.y0..block.y1).contains(&y);
+        let mut composites: Vec<Composite> = first.composites.iter().filter(|c| inside(c.at)).cloned().collect();
+        composites.iter_mut().for_each(|c| c.among(first.pooled(c.at)));
+        let mut apart = vec![false; pixels.len()];
+        composites.iter().for_each(|c| apart[((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize] = true);
         let mut active = Vec::new();
-        packets(block.width(), block.height(), |i, j| active.push(j * block.width() + i));
+        packets(block.width(), block.height(), |i, j| {
+            let at = j * block.width() + i;
+            if !apart[at as usize] {
+                active.push(at);
+            }
+        });
+        let mut open: Vec<usize> = (0..composites.len()).collect();
         let (mut points, mut samples) = (Vec::new(), Vec::new());
         loop {
             let mut wanted = Vec::new();
             points.clear();
             for &at in &active {
                 let pixel = &pixels[at as usize];
-                let doublings = pixel.doublings(rule);
+                let doublings = pixel.doublings(rule, 1.0);
                 if doublings > 0 {
                     wanted.push((at, doublings));
                     let (i, j) = (at % block.width(), at / block.width());
                     let sequence = Sequence::new(view, (block.x0 + i, block.y0 + j), PICTURE);
-                    points.extend((pixel.points..pixel.points << doublings).map(|k| sequence.point(k)));
+                    points.extend((pixel.next..pixel.next << doublings).map(|k| sequence.point(k)));
                 }
             }
-            if wanted.is_empty() {
-                return pixels;
+            let mut parts = Vec::new();
+            for &at in &open {
+                let more = composites[at].wanted(rule);
+                if more.iter().any(|n| *n > 0) {
+                    composites[at].ask(view, &more, &mut points);
+                    parts.push((at, more));
+                }
+            }
+            if points.is_empty() {
+                return (pixels, composites);
             }
             samples.resize(points.len(), Sample::BLANK);
             self.tracer.trace(&points, 0.0, &mut samples, self.scratch, self.counts);
@@ -224,13 +287,20 @@ impl Refinement<'_> {
             for &(at, doublings) in &wanted {
                 let pixel = &mut pixels[at as usize];
                 for _ in 0..doublings {
-                    let n = pixel.points as usize;
-                    pixel.add(samples[next..next + n].iter().map(|s| s.radiance));
+                    let n = pixel.next as usize;
+                    pixel.add(n as u32, samples[next..next + n].iter().map(|s| s.radiance));
                     next += n;
                 }
             }
+            for (at, more) in &parts {
+                let n = more.iter().sum::<u32>() as usize;
+                composites[*at].take(view, more, &samples[next..next + n]);
+                next += n;
+            }
             active.clear();
             active.extend(wanted.iter().map(|(at, _)| *at));
+            open.clear();
+            open.extend(parts.iter().map(|(at, _)| *at));
         }
     }
 }

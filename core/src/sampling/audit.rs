@@ -6,6 +6,7 @@
 use glam::DVec3;
 
 use super::adaptive::mean;
+use super::composite::Composite;
 use super::points::{Sequence, hash};
 use crate::film::ErrorEstimate;
 use crate::settings::{AuditRate, Tolerance};
@@ -18,16 +19,34 @@ const SETS: [u64; 2] = [2, 3];
 const LEAST: u32 = 4;
 const MOST: u32 = 1024;
 
-/// The probability that a pixel of such an expected squared error is audited.
-fn probability(expected: f64, tolerance: Tolerance, rate: AuditRate) -> f64 {
-    let typical = tolerance.fraction() * tolerance.fraction();
-    (rate.factor() * (AuditRate::FLOOR + expected / typical)).min(1.0)
+/// A pixel that may be audited.
+#[derive(Clone, Copy)]
+pub(super) struct Audited<'a> {
+    pub(super) at: (u32, u32),
+    pub(super) value: DVec3,
+    pub(super) points: u32,
+    /// Its expected squared error.
+    pub(super) expected: f64,
+    /// Whether it was not proven.
+    pub(super) open: bool,
+    /// Its parts, where it has some.
+    pub(super) parts: Option<&'a Composite>,
 }
 
-/// Draws among pixels, given by place, value, points and expected squared error, and notes what is found.
+/// Of the floor, how likely pixels are drawn that were proven.
+const PROVEN: f64 = 0.25;
+
+/// The probability that a pixel is audited.
+fn probability(pixel: &Audited<'_>, tolerance: Tolerance, rate: AuditRate) -> f64 {
+    let typical = tolerance.fraction() * tolerance.fraction();
+    let floor = AuditRate::FLOOR * if pixel.open { 1.0 } else { PROVEN };
+    (rate.factor() * (floor + pixel.expected / typical)).min(1.0)
+}
+
+/// Draws among pixels, and notes what is found.
 pub(super) fn audit(
     tracer: &Tracer,
-    pixels: impl Iterator<Item = ((u32, u32), DVec3, u32, f64)>,
+    pixels: &[Audited<'_>],
     tolerance: Tolerance,
     rate: AuditRate,
     scratch: &mut WaveScratch,
@@ -39,25 +58,47 @@ pub(super) fn audit(
     }
     let view = &tracer.settings().view;
     let (mut drawn, mut points) = (Vec::new(), Vec::new());
-    for (at, value, n, expected) in pixels {
-        let probability = probability(expected, tolerance, rate);
+    for pixel in pixels {
+        let probability = probability(pixel, tolerance, rate);
+        let at = pixel.at;
         if (hash(at.0, at.1, DRAW) >> 11) as f64 >= probability * (1u64 << 53) as f64 {
             continue;
         }
-        let n = n.clamp(LEAST, MOST);
-        drawn.push((value, probability, n as usize));
         for set in SETS {
-            let sequence = Sequence::new(view, at, set);
-            points.extend((0..n).map(|k| sequence.point(k)));
+            let from = points.len();
+            if let Some(parts) = pixel.parts {
+                let fresh = parts.afresh(set);
+                let taken = parts.taken();
+                fresh.ask(view, &taken, &mut points);
+                drawn.push((pixel, probability, Some((fresh, taken)), points.len() - from));
+            } else {
+                let sequence = Sequence::new(view, at, set);
+                points.extend((0..pixel.points.clamp(LEAST, MOST)).map(|k| sequence.point(k)));
+                drawn.push((pixel, probability, None, points.len() - from));
+            }
         }
     }
     let mut samples = vec![Sample::BLANK; points.len()];
     tracer.trace(&points, 0.0, &mut samples, scratch, counts);
     let mut rest = &samples[..];
-    for (value, probability, n) in drawn {
-        let (pair, behind) = rest.split_at(2 * n);
+    let mut take = |parts: &mut Option<(Composite, Vec<u32>)>, n: usize| {
+        let (these, behind) = rest.split_at(n);
         rest = behind;
-        let (a, b) = (mean(&pair[..n]), mean(&pair[n..]));
+        match parts {
+            Some((fresh, taken)) => {
+                fresh.take(view, taken, these);
+                fresh.mean()
+            }
+            None => mean(these),
+        }
+    };
+    for pair in drawn.chunks_exact_mut(2) {
+        let [a, b] = [0, 1].map(|k| {
+            let (_, _, parts, n) = &mut pair[k];
+            take(parts, *n)
+        });
+        let (pixel, probability) = (pair[0].0, pair[0].1);
+        let value = pixel.value;
         // The value as the picture has it.
         let value = value.to_array().map(|c| f64::from(c as f32));
         let [a, b] = [a, b].map(|m| m.to_array());

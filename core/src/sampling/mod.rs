@@ -3,8 +3,10 @@
 pub(crate) mod adaptive;
 pub(crate) mod audit;
 pub(crate) mod coarse;
+mod composite;
 pub(crate) mod pixel;
 pub(crate) mod points;
 pub(crate) mod proof;
 mod shadows;
 mod sheet;
+pub(crate) mod strata;

@@ -54,6 +54,8 @@ pub(crate) struct Pixel {
     /// Sum of the squares of all components.
     squares: f64,
     pub(crate) points: u32,
+    /// The next of the sequence: more than `points` where some did not count.
+    pub(crate) next: u32,
     /// See [`Model`]; what it was inferred from weighs as much as so many doublings.
     kappa: f64,
     weight: f64,
@@ -62,7 +64,7 @@ pub(crate) struct Pixel {
 impl Pixel {
     /// A pixel whose mean is known.
     pub(crate) fn known(mean: DVec3) -> Self {
-        Self { sum: mean, squares: 0.0, points: 1, kappa: 0.0, weight: 0.0 }
+        Self { sum: mean, points: 1, next: 1, ..Self::default() }
     }
 
     /// Whether its mean is known without more ado.
@@ -70,8 +72,10 @@ impl Pixel {
         self.points == 1
     }
 
-    /// Adds samples that are the next of the pixel's sequence. They double their number, or are the first.
-    pub(crate) fn add(&mut self, samples: impl Iterator<Item = DVec3>) {
+    /// Adds samples that are the next of the pixel's sequence, which were `taken` in all. They double their number,
+    /// or are the first.
+    pub(crate) fn add(&mut self, taken: u32, samples: impl Iterator<Item = DVec3>) {
+        self.next += taken;
         let (mut sum, mut squares, mut n) = (DVec3::ZERO, 0.0, 0);
         for x in samples {
             sum += x;
@@ -111,16 +115,21 @@ impl Pixel {
         self.weight = 3.0;
     }
 
+    /// What is thought of it by its own samples alone.
+    pub(crate) fn expect_alone(&mut self) {
+        self.expect(self.variance());
+    }
+
     /// Its mean's expected squared error.
     pub(crate) fn error(&self) -> f64 {
         let n = f64::from(self.points.max(1));
         self.kappa / (n * n.sqrt())
     }
 
-    /// How often its points are to be doubled next, 0 where it is done.
-    pub(crate) fn doublings(&self, rule: &Rule) -> u32 {
-        let most = f64::from(MOST / self.points.max(1));
-        let growth = (rule.points(self.kappa) / f64::from(self.points.max(1))).min(most);
+    /// How often its points are to be doubled next, 0 where it is done; as the mean of so large a part of a pixel.
+    pub(crate) fn doublings(&self, rule: &Rule, area: f64) -> u32 {
+        let most = f64::from(MOST / self.next.max(1));
+        let growth = (rule.points(self.kappa * area * area) / f64::from(self.points.max(1))).min(most);
         if growth < MODEL.least_growth { 0 } else if growth < 3.0 { 1 } else { 2 }
     }
 }

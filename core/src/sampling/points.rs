@@ -70,11 +70,31 @@ impl Sequence {
     /// Its `index`-th point.
     #[inline]
     pub(crate) fn point(&self, index: u32) -> PlanePoint {
-        let at = |reversed: u32, seed: u32| (permute(reversed, seed).reverse_bits() >> (32 - BITS)) as i32 * 2 + 1;
-        PlanePoint {
-            x: self.corner.x + at(index, self.seeds[0]),
-            y: self.corner.y + at(second(index), self.seeds[1]),
-        }
+        let [x, y] = self.bits(index).map(|b| (b >> (32 - BITS)) as i32 * 2 + 1);
+        PlanePoint { x: self.corner.x + x, y: self.corner.y + y }
+    }
+
+    /// Its `index`-th point in the unit square.
+    pub(crate) fn unit(&self, index: u32) -> [f64; 2] {
+        self.bits(index).map(|b| (f64::from(b) + 0.5) / 4_294_967_296.0)
+    }
+
+    #[inline]
+    fn bits(&self, index: u32) -> [u32; 2] {
+        let scrambled = |reversed: u32, seed: u32| permute(reversed, seed).reverse_bits();
+        [scrambled(index, self.seeds[0]), scrambled(second(index), self.seeds[1])]
+    }
+
+    /// The point at a place of the pixel, 0 to 1 from the left and from below.
+    pub(crate) fn at(&self, place: [f64; 2]) -> PlanePoint {
+        let cells = f64::from(1u32 << BITS);
+        let [x, y] = place.map(|p| (p * cells).clamp(0.0, cells - 1.0) as i32 * 2 + 1);
+        PlanePoint { x: self.corner.x + x, y: self.corner.y + y }
+    }
+
+    /// Where a point of the pixel is, 0 to 1 from the left and from below.
+    pub(crate) fn place(&self, p: PlanePoint) -> [f64; 2] {
+        [p.x - self.corner.x, p.y - self.corner.y].map(|d| f64::from(d) / f64::from(UNIT))
     }
 }
 

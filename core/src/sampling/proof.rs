@@ -16,6 +16,7 @@ use crate::simd::{Kernel, Simd};
 use crate::trace::{PlanePoint, Tracer};
 
 use super::sheet;
+use super::strata::Shapes;
 use super::shadows::{Group, Receiver};
 
 /// Objects that a tile is proven among, at most; where there are more, it is left open.
@@ -41,7 +42,7 @@ pub(super) struct Candidate {
 }
 
 /// What is in doubt in the pixels of the tile whose upper left pixel has its centre at `at`.
-pub(crate) fn prove(tracer: &Tracer, at: PlanePoint) -> Doubt {
+pub(crate) fn prove(tracer: &Tracer, at: PlanePoint) -> (Doubt, Shapes) {
     crate::simd::dispatch(tracer.level(), Prove { tracer, tile: Tile::new(at.x, at.y) })
 }
 
@@ -51,23 +52,23 @@ struct Prove<'a> {
 }
 
 impl Kernel for Prove<'_> {
-    type Output = Doubt;
+    type Output = (Doubt, Shapes);
     #[inline(always)]
-    fn run<S: Simd>(self) -> Doubt {
+    fn run<S: Simd>(self) -> (Doubt, Shapes) {
         self.run_scalar()
     }
 
     #[inline(always)]
-    fn run_scalar(self) -> Doubt {
+    fn run_scalar(self) -> (Doubt, Shapes) {
         let frame = self.tracer.frame();
         let lens = Lens { apex: DVec3::ZERO, forward: frame.forward, right: frame.right, up: frame.up };
-        let mut doubt = [0.0; 64];
+        let (mut doubt, mut shapes) = ([0.0; 64], Vec::new());
         let eye = View { tracer: self.tracer, tile: &self.tile, lens, mirror: None, weight: 1.0, behind: 0 };
         let mut views = vec![(eye, Pixels::MAX)];
         while let Some((view, pixels)) = views.pop() {
-            view.prove(pixels, &mut doubt, &mut views);
+            view.prove(pixels, &mut doubt, &mut shapes, &mut views);
         }
-        doubt
+        (doubt, shapes)
     }
 }
 
@@ -96,14 +97,19 @@ pub(super) fn open(doubt: &mut Doubt, pixels: Pixels, weight: f64) {
 impl<'a> View<'a> {
     /// Adds what is not proven of the pixels `of`, and what is seen in mirrors to `views`.
     #[inline(always)]
-    fn prove(&self, of: Pixels, doubt: &mut Doubt, views: &mut Vec<(View<'a>, Pixels)>) {
+    fn prove(&self, of: Pixels, doubt: &mut Doubt, shapes: &mut Shapes, views: &mut Vec<(View<'a>, Pixels)>) {
         let Some(mut candidates) = self.candidates(of) else { return open(doubt, of, self.weight) };
         let mut nearest = [0.0; 64];
         for c in &candidates {
             self.raise(&mut nearest, c.alive & c.cover.covered, &c.cover.depth);
         }
-        let sheets = sheet::sheets(self, &mut candidates, &mut nearest);
+        let sheets = sheet::sheets(self, &mut candidates, &mut nearest, shapes);
         self.hide(&mut candidates, &nearest);
+        for c in &candidates {
+            if let Some(oval) = c.cover.depth.outline() {
+                shapes.push((c.alive, oval));
+            }
+        }
         let (mut once, mut twice) = (0, 0);
         for c in &candidates {
             twice |= once & c.alive;
@@ -130,7 +136,7 @@ impl<'a> View<'a> {
         }
         open(doubt, of & !proven, self.weight);
         for group in &groups {
-            self.shade(group, doubt, views);
+            self.shade(group, doubt, shapes, views);
         }
     }
 
@@ -256,7 +262,7 @@ impl<'a> View<'a> {
 
     /// Adds what is not proven of the light that a group of surfaces sends on.
     #[inline(always)]
-    fn shade(&self, group: &Group, doubt: &mut Doubt, views: &mut Vec<(View<'a>, Pixels)>) {
+    fn shade(&self, group: &Group, doubt: &mut Doubt, shapes: &mut Shapes, views: &mut Vec<(View<'a>, Pixels)>) {
         let mut matte = Vec::new();
         for receiver in &group.receivers {
             let id = ObjectId(receiver.id);
@@ -279,7 +285,7 @@ impl<'a> View<'a> {
         }
         if !matte.is_empty() {
             let pixels = matte.iter().fold(0, |all, r| all | r.pixels);
-            self.shadows(&Group { receivers: matte, pixels }, doubt);
+            self.shadows(&Group { receivers: matte, pixels }, doubt, shapes);
         }
     }
 

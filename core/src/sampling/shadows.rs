@@ -4,11 +4,12 @@ use glam::DVec3;
 
 use crate::beam::cover::Depth;
 use crate::beam::gather::{Shaft, gather};
-use crate::beam::lens::{MARGIN, Pixels, row};
+use crate::beam::lens::{MARGIN, Pixels, pixels_above, row};
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 
 use super::proof::{Doubt, View, object, open};
+use super::strata::{Shape, Shapes};
 
 /// Objects that may stand between a light and a surface, at most; where there are more, it is left open.
 const MOST: usize = 48;
@@ -54,7 +55,7 @@ enum Between {
 impl View<'_> {
     /// Adds the lights that fall on a part of what is seen of `group`, or may.
     #[inline(always)]
-    pub(super) fn shadows(&self, group: &Group, doubt: &mut Doubt) {
+    pub(super) fn shadows(&self, group: &Group, doubt: &mut Doubt, shapes: &mut Shapes) {
         let lights = &self.tracer.prepared().local.lights;
         if lights.is_empty() {
             return;
@@ -89,7 +90,7 @@ impl View<'_> {
             for s in surfaces.iter().filter(|s| facing(s)) {
                 if let Between::Some(ids) = self.between(s, &hull, light, &blockers) {
                     let pixels = match s.flat {
-                        Some(flat) if surfaces.len() <= APART => self.edges(&s.receiver, flat, light, &ids),
+                        Some(flat) if surfaces.len() <= APART => self.edges(&s.receiver, flat, light, &ids, shapes),
                         _ => s.receiver.pixels,
                     };
                     open(doubt, pixels, s.albedo);
@@ -242,12 +243,19 @@ impl View<'_> {
 
     /// Pixels of a flat receiver that the shadow of one of `blockers` touches and none covers.
     #[inline(always)]
-    fn edges(&self, receiver: &Receiver, flat: Flat, light: DVec3, blockers: &[u32]) -> Pixels {
+    fn edges(
+        &self,
+        receiver: &Receiver,
+        flat: Flat,
+        light: DVec3,
+        blockers: &[u32],
+        shapes: &mut Shapes,
+    ) -> Pixels {
         let lens = self.lens.from_light(light, flat.n, flat.h);
         let own = self.lens.along(flat.n, self.tile);
         let (mut touched, mut covered) = (0, 0);
         for &id in blockers {
-            let (cover, _) = object(self.tracer, id, &lens, self.tile);
+            let (cover, triangle) = object(self.tracer, id, &lens, self.tile);
             let (mut before, mut beyond) = (0, 0);
             for j in 0..8 {
                 if (cover.touched & receiver.pixels) >> (8 * j) & 0xff == 0 {
@@ -264,6 +272,14 @@ impl View<'_> {
             }
             touched |= cover.touched & !beyond;
             covered |= cover.covered & before;
+            let may = receiver.pixels & cover.touched & !beyond & !cover.covered;
+            if let Some((_, outline)) = triangle {
+                for edge in &outline.edges {
+                    shapes.push((may & !pixels_above(edge, self.tile, edge.spread()), Shape::Edge(*edge)));
+                }
+            } else if let Some(oval) = cover.depth.outline() {
+                shapes.push((may, oval));
+            }
         }
         receiver.pixels & touched & !covered
     }

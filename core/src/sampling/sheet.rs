@@ -6,6 +6,7 @@ use glam::DVec3;
 use crate::beam::lens::{Pixels, pixels_above};
 
 use super::proof::{Candidate, View};
+use super::strata::{Shape, Shapes};
 
 /// Pixels that are covered by exactly one layer of triangles that turn one way, by the way they turn.
 pub(super) struct Sheets {
@@ -26,14 +27,19 @@ impl Sheets {
 
 /// Finds the sheets among `candidates`, and notes how near they are.
 #[inline(always)]
-pub(super) fn sheets(view: &View<'_>, candidates: &mut Vec<Candidate>, nearest: &mut [f64; 64]) -> Sheets {
+pub(super) fn sheets(
+    view: &View<'_>,
+    candidates: &mut Vec<Candidate>,
+    nearest: &mut [f64; 64],
+    shapes: &mut Shapes,
+) -> Sheets {
     view.hide(candidates, nearest);
     let mut sheets = Sheets { layers: [0; 2] };
     let mut keys: Vec<u64> = Vec::new();
     for turned in [false, true] {
         let layer: Vec<&Candidate> =
             candidates.iter().filter(|c| c.triangle.as_ref().is_some_and(|(_, o)| o.turned == turned)).collect();
-        if layer.len() < 2 {
+        if layer.is_empty() {
             continue;
         }
         let (mut ends, mut once, mut twice) = (0, 0, 0);
@@ -49,14 +55,17 @@ pub(super) fn sheets(view: &View<'_>, candidates: &mut Vec<Candidate>, nearest: 
                 inside &= pixels_above(edge, view.tile, 0.0);
                 let spread = edge.spread();
                 let passes = c.alive & !pixels_above(edge, view.tile, spread);
-                if passes & !ends != 0 {
+                if passes != 0 {
                     let own = keys[3 * i + k];
                     let shared = keys.iter().enumerate().any(|(at, key)| {
                         *key == own
                             && at / 3 != i
                             && layer[at / 3].triangle.as_ref().is_some_and(|(other, _)| goes_on(view, v, k, other))
                     });
-                    ends |= if shared { 0 } else { passes };
+                    if !shared {
+                        ends |= passes;
+                        shapes.push((passes, Shape::Edge(*edge)));
+                    }
                 }
             }
             twice |= once & inside;
