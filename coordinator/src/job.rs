@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::scene::Scene;
-use tessera_core::settings::{Settings, Tolerance};
+use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_proto::{PixelFormat, Pixels};
 use worker::{Exact, Studio};
 
 use crate::farm::Timing;
-use crate::plan::Goal;
+use crate::plan::{Forecast, Goal};
 
 /// The scene of a job.
 #[derive(Clone, Debug)]
@@ -170,10 +170,14 @@ pub struct Rendered {
     pub tiles: u64,
     /// From the first lease to the last pixel stitched.
     pub trace: Duration,
-    /// How far the pixels are thought to be off; `None` under uniform sampling.
+    /// How far the pixels are off; `None` under uniform sampling.
     pub error: Option<ErrorEstimate>,
-    /// Within what the last pass was rendered, where it was adaptive.
-    pub tolerance: Option<Tolerance>,
+    /// Whether the error asked for was reached; `None` where none was. Of a region, whether the whole reaches it.
+    pub target_met: Option<bool>,
+    /// The last pass that covers all pixels, where sampling was adaptive. Later ones may cover some.
+    pub pass: Option<Pass>,
+    /// What other errors would take, where that can be told.
+    pub forecast: Option<Forecast>,
     /// Passes that the picture took, looks at parts of it included.
     pub passes: u32,
     /// Whether time was up before the goal was reached.

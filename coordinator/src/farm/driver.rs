@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::Tolerance;
+use tessera_core::film::{ErrorEstimate, Region, Sum};
+use tessera_core::settings::{Detail, Pass};
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
@@ -20,7 +20,7 @@ use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
-use crate::plan::{Outcome, Plan, Step};
+use crate::plan::{Forecast, Outcome, Plan, Step};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
 
 /// Workers that may register in one render, reconnections of the same one not counted.
@@ -45,12 +45,14 @@ pub(super) struct Passing {
     at_hand: Outcome,
     began: Duration,
     kept: bool,
+    detail: Option<Pass>,
     /// Of the last whole picture.
     picture: Outcome,
     /// Passes begun, and passes of those that are in the picture as a whole.
     pub(super) begun: u32,
     pub(super) whole: u32,
-    pub(super) tolerance: Option<Tolerance>,
+    /// How closely the last whole picture was looked at; before there is one, the picture at hand.
+    pub(super) pass: Option<Pass>,
     /// Whether time was up before the plan was done.
     pub(super) timed_out: bool,
 }
@@ -67,17 +69,28 @@ impl Passing {
             let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
             let left = region.area() - covered.min(region.area());
             if left > 0 {
-                let share = |squares: u64| (u128::from(squares) * u128::from(left) / u128::from(region.area())) as u64;
+                let part = left as f64 / region.area() as f64;
+                let share = |sum: Sum| Sum::new(part * sum.value());
                 sum += ErrorEstimate {
                     pixels: left,
+                    expected: share(error.expected),
+                    audited: (part * error.audited as f64).round() as u64,
                     squares: share(error.squares),
-                    weight_squares: share(error.weight_squares),
-                    depth_squares: share(error.depth_squares),
-                    worst: error.worst,
+                    variance: share(error.variance),
                 };
             }
         }
         sum
+    }
+
+    /// What other errors would take, where the last whole picture tells.
+    pub(super) fn forecast(&self) -> Option<Forecast> {
+        match self.pass?.detail {
+            Detail::Within(tolerance) if self.whole > 0 => {
+                Some(Forecast::new(&self.picture.error, tolerance, self.picture.took))
+            }
+            _ => None,
+        }
     }
 }
 
@@ -99,6 +112,8 @@ pub(super) struct Driver {
     start: Instant,
     plan: Plan,
     pass: Passing,
+    /// Pixels of the picture.
+    area: u64,
     timing: Timing,
     seats: BTreeMap<WorkerKey, Seat>,
     places: HashMap<InstanceId, usize>,
@@ -115,13 +130,14 @@ impl Driver {
         heard: mpsc::Receiver<Heard>,
         tiles: mpsc::Sender<Stitch>,
         progress: watch::Sender<Progress>,
-        plan: Plan,
+        (plan, area): (Plan, u64),
         (start, timing): (Instant, Timing),
     ) -> Self {
         Self {
             scheduler,
             plan,
             pass: Passing::default(),
+            area,
             door,
             pixels,
             heard,
@@ -138,7 +154,7 @@ impl Driver {
     }
 
     /// Renders until the end, and dismisses the workers. Also says when the end was.
-    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passing) {
+    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passing, Plan) {
         let first = self.plan.first();
         self.begin(first);
         // Far off where there is none.
@@ -148,7 +164,8 @@ impl Driver {
             let end = tokio::select! {
                 biased;
                 () = cancel.cancelled() => break Err(RenderError::Cancelled),
-                () = sleep_until(self.start + limit) => {
+                // A picture that is whole comes first, however short the time.
+                () = sleep_until(self.start + limit), if self.pass.whole > 0 => {
                     self.pass.timed_out = true;
                     break Ok(());
                 }
@@ -164,7 +181,7 @@ impl Driver {
         };
         let ended = Instant::now();
         self.dismiss().await;
-        (end, ended, self.pass)
+        (end, ended, self.pass, self.plan)
     }
 
     /// Begins a pass.
@@ -174,17 +191,18 @@ impl Driver {
         self.pass.kept = step.kept;
         self.pass.began = self.start.elapsed();
         self.pass.at_hand = Outcome::default();
-        if step.kept {
-            self.pass.tolerance = step.tolerance;
+        self.pass.detail = step.pass;
+        if self.pass.whole == 0 && step.kept {
+            self.pass.pass = step.pass;
         }
         self.progress.send_modify(|p| {
             (p.tiles_done, p.pixels_done) = (0, 0);
-            p.pixels_total = if pixels > 0 { pixels } else { self.plan.area() };
+            p.pixels_total = if pixels > 0 { pixels } else { self.area };
         });
         if self.pass.begun == 1 {
-            self.scheduler.begin_first(step.tolerance, step.regions);
+            self.scheduler.begin_first(step.pass, step.regions);
         } else {
-            self.scheduler.begin(step.tolerance, step.regions, step.dearer);
+            self.scheduler.begin(step.pass, step.regions, step.dearer);
         }
     }
 
@@ -197,7 +215,11 @@ impl Driver {
             pass = self.pass.begun,
             kept = self.pass.kept,
             pixels = outcome.error.pixels,
+            detail = ?self.pass.detail.map(|p| p.detail),
+            audited = outcome.error.audited,
             steps = 255.0 * outcome.error.rmse(),
+            up_to = 255.0 * outcome.error.interval().1,
+            expected = 255.0 * outcome.error.expected_rmse(),
             seconds = outcome.took.as_secs_f64(),
             "pass done"
         );
@@ -205,7 +227,9 @@ impl Driver {
         if self.pass.kept {
             self.pass.whole += 1;
             self.pass.picture = outcome;
+            self.pass.pass = self.pass.detail;
         }
+        self.pass.timed_out = self.plan.limit().is_some_and(|limit| limit <= now);
         match next {
             Some(step) => {
                 self.begin(step);

@@ -82,13 +82,12 @@ impl Knob {
     #[must_use]
     pub fn apply(&self, base: &Settings) -> (Settings, Goal) {
         match *self {
-            Self::MaxError(steps) => {
-                (Settings { sampling: Sampling::TOWARDS_A_TARGET, ..*base }, Goal::Error(steps / 255.0))
-            }
-            Self::Quality(quality) => (Settings { sampling: quality.sampling(), ..*base }, Goal::AsSet),
+            Self::MaxError(steps) => (Settings { sampling: Sampling::Adaptive, ..*base }, Goal::Error(steps / 255.0)),
+            Self::Quality(quality) => (Settings { sampling: Sampling::Adaptive, ..*base }, Goal::Error(quality.rmse())),
             Self::Samples(grid) => (Settings { sampling: Sampling::Uniform { grid }, ..*base }, Goal::AsSet),
             Self::MaxDepth(max_depth) => {
-                (Settings { max_depth, sampling: Quality::default().sampling(), ..*base }, Goal::AsSet)
+                let goal = Goal::Error(Quality::default().rmse());
+                (Settings { max_depth, sampling: Sampling::Adaptive, ..*base }, goal)
             }
         }
     }
@@ -110,12 +109,11 @@ mod tests {
         assert_eq!(Knob::Samples(3).apply(&base).0.sampling, Sampling::Uniform { grid: 3 });
         assert_eq!(told(Knob::MaxError(0.5)), "--max-error 0.5");
         let (settings, goal) = Knob::MaxError(0.5).apply(&base);
-        assert_eq!((settings.sampling, goal), (Sampling::TOWARDS_A_TARGET, Goal::Error(0.5 / 255.0)));
-        assert_eq!(told(Knob::Quality(Quality::Preview)), "--quality preview");
+        assert_eq!((settings.sampling, goal), (Sampling::Adaptive, Goal::Error(0.5 / 255.0)));
+        assert_eq!(told(Knob::Quality(Quality::Draft)), "--quality draft");
         assert_eq!(told(Knob::MaxDepth(2)), "--max-depth 2");
         let (settings, goal) = Knob::MaxDepth(2).apply(&base);
-        assert_eq!((settings.max_depth, goal), (2, Goal::AsSet));
         // Without a word about sampling, `render` takes the default quality.
-        assert_eq!(settings.sampling, Knob::Quality(Quality::default()).apply(&base).0.sampling);
+        assert_eq!((settings.max_depth, goal), (2, Knob::Quality(Quality::default()).apply(&base).1));
     }
 }

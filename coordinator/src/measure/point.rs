@@ -14,8 +14,8 @@ use super::reference::Reference;
 pub struct Predicted {
     /// Root mean squared, over the picture.
     pub rmse: f64,
-    /// Of the worst pixel.
-    pub worst: f64,
+    /// The upper end of its 95 % interval.
+    pub upper: f64,
 }
 
 /// Rays of a picture.

@@ -69,7 +69,7 @@ struct PointRecord<'a> {
     ssim: f64,
     flip: f64,
     predicted_rmse: Option<f64>,
-    predicted_worst_pixel: Option<f64>,
+    predicted_upper: Option<f64>,
     beyond_reference: bool,
     pareto: bool,
     recommended: bool,
@@ -122,7 +122,7 @@ impl<'a> PointRecord<'a> {
             ssim: m.ssim,
             flip: m.flip,
             predicted_rmse: p.predicted.map(|e| 255.0 * e.rmse),
-            predicted_worst_pixel: p.predicted.map(|e| 255.0 * e.worst),
+            predicted_upper: p.predicted.map(|e| 255.0 * e.upper),
             beyond_reference: p.beyond_reference,
             pareto: p.front,
             recommended,
@@ -193,7 +193,7 @@ impl Measured {
     pub fn to_csv(&self) -> String {
         let mut text = String::from(
             "method,setting,trace_seconds,whole_seconds,runs,camera_rays,mirror_rays,shadow_rays,total_rays,rmse,\
-             predicted_rmse,predicted_worst_pixel,psnr,largest,share_beyond_255th,share_beyond_510th,ssim,flip,\
+             predicted_rmse,predicted_upper,psnr,largest,share_beyond_255th,share_beyond_510th,ssim,flip,\
              beyond_reference,pareto,recommended\n",
         );
         fn cell<T: ToString>(value: Option<T>) -> String {
@@ -213,7 +213,7 @@ impl Measured {
                 cell(rays.and_then(|r| r.total)),
                 p.rmse.to_string(),
                 cell(p.predicted_rmse),
-                cell(p.predicted_worst_pixel),
+                cell(p.predicted_upper),
                 cell(p.psnr),
                 p.largest.to_string(),
                 p.share_beyond_255th.to_string(),

@@ -64,11 +64,11 @@ fn rough_cost(knob: &Knob) -> f64 {
     // Time rises with the inverse of the error to about this power.
     let adaptive = |steps: f64| (6.0 * libm::pow(0.5 / steps, 0.7)).max(1.5);
     match *knob {
-        Knob::MaxError(steps) => 1.3 * adaptive(steps),
-        Knob::Quality(quality) => adaptive(2.0 * 255.0 * quality.tolerance().fraction()),
+        Knob::MaxError(steps) => adaptive(steps),
+        Knob::Quality(quality) => adaptive(255.0 * quality.rmse()),
         Knob::Samples(grid) => f64::from(grid * grid),
         // After the line that shows more.
-        Knob::MaxDepth(depth) => adaptive(2.0 * 255.0 * Quality::Final.tolerance().fraction()) + f64::from(depth),
+        Knob::MaxDepth(depth) => adaptive(255.0 * Quality::default().rmse()) + f64::from(depth),
     }
 }
 

@@ -235,7 +235,7 @@ pub(super) mod tests {
             point(Method::PovRay, "+A0.3 +AM1 +R3", 0.9, 2.5),
         ];
         for p in &mut points[3..6] {
-            p.predicted = Some(Predicted { rmse: 1.1 * p.metrics.rmse, worst: 0.01 });
+            p.predicted = Some(Predicted { rmse: 1.1 * p.metrics.rmse, upper: 1.3 * p.metrics.rmse });
             p.rays = Some(Rays { camera: 24, mirror: 6, shadow: Some(3_000_000) });
         }
         points[5].beyond_reference = true;

@@ -112,7 +112,7 @@ impl Bench {
             whole.push(again.whole);
         }
         let rays = first.rendered.rays.into();
-        let predicted = first.rendered.error.map(|error| Predicted { rmse: error.rmse(), worst: error.worst_pixel() });
+        let predicted = first.rendered.error.map(|error| Predicted { rmse: error.rmse(), upper: error.interval().1 });
         let (width, height) = (settings.view.width(), settings.view.height());
         let image = Image::new(width, height, pixels_of(first.rendered));
         let image = image.ok_or_else(|| RenderError::Internal("a picture is not whole".into()))?;
