@@ -110,13 +110,21 @@ impl RenderJob {
 /// How far a render is.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Tiles stitched.
+    /// Passes begun, looks at parts of the picture included.
+    pub pass: u32,
+    /// Whether the pass at hand is such a look.
+    pub is_look: bool,
+    /// The share of the render that is done, as far as can be told: it never falls.
+    pub share: f64,
+    /// Time to go, as far as can be told.
+    pub remaining: Option<Duration>,
+    /// Tiles of the pass that are done.
     pub tiles_done: u64,
-    /// Tiles in all: an estimate until the end where tiles are sized by cost.
+    /// Tiles of it in all: an estimate until the end where tiles are sized by cost.
     pub tiles_total: u64,
-    /// Pixels stitched.
+    /// Pixels of the pass that are done.
     pub pixels_done: u64,
-    /// Pixels in all.
+    /// Pixels of it in all.
     pub pixels_total: u64,
     /// Rays of the tiles stitched.
     pub rays: RayCounts,

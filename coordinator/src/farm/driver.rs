@@ -16,6 +16,7 @@ use tokio::time::{Instant, sleep_until, timeout_at};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
+use super::pace::Pace;
 use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
@@ -113,7 +114,8 @@ pub(super) struct Driver {
     plan: Plan,
     pass: Passing,
     /// Pixels of the picture.
-    area: u64,
+    area: Region,
+    pace: Pace,
     timing: Timing,
     seats: BTreeMap<WorkerKey, Seat>,
     places: HashMap<InstanceId, usize>,
@@ -130,11 +132,12 @@ impl Driver {
         heard: mpsc::Receiver<Heard>,
         tiles: mpsc::Sender<Stitch>,
         progress: watch::Sender<Progress>,
-        (plan, area): (Plan, u64),
+        (plan, area): (Plan, Region),
         (start, timing): (Instant, Timing),
     ) -> Self {
         Self {
             scheduler,
+            pace: Pace::new(plan.limit()),
             plan,
             pass: Passing::default(),
             area,
@@ -180,13 +183,19 @@ impl Driver {
             }
         };
         let ended = Instant::now();
+        if end.is_ok() {
+            self.progress.send_modify(|p| (p.share, p.remaining) = (1.0, Some(Duration::ZERO)));
+        }
         self.dismiss().await;
         (end, ended, self.pass, self.plan)
     }
 
     /// Begins a pass.
     fn begin(&mut self, step: Step) {
-        let pixels = step.regions.iter().map(Region::area).sum::<u64>();
+        let all = if step.regions.is_empty() { vec![self.area] } else { step.regions.clone() };
+        let pixels = all.iter().map(Region::area).sum::<u64>();
+        let work = all.iter().map(|r| self.plan.work(r)).sum();
+        self.pace.begin(self.start.elapsed(), work, step.kept, self.plan.expected());
         self.pass.begun += 1;
         self.pass.kept = step.kept;
         self.pass.began = self.start.elapsed();
@@ -197,7 +206,8 @@ impl Driver {
         }
         self.progress.send_modify(|p| {
             (p.tiles_done, p.pixels_done) = (0, 0);
-            p.pixels_total = if pixels > 0 { pixels } else { self.area };
+            p.pixels_total = pixels;
+            (p.pass, p.is_look) = (self.pass.begun, !step.kept);
         });
         if self.pass.begun == 1 {
             self.scheduler.begin_first(step.pass, step.regions);
@@ -303,6 +313,11 @@ impl Driver {
 
     async fn tell_once(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
         let mut effects = Vec::new();
+        if matches!(event, Event::Tick) {
+            let elapsed = self.start.elapsed();
+            let (share, remaining) = self.pace.tell(elapsed);
+            self.progress.send_modify(|p| (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining));
+        }
         let teller = event.worker();
         self.scheduler.handle(event, self.start.elapsed(), &mut effects);
         let mut end = None;
@@ -488,15 +503,17 @@ impl Driver {
         });
     }
 
-    fn count(&self, worker: WorkerKey, region: Region, done: &TileDone) {
+    fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
         let (tiles_total, elapsed) = (self.scheduler.tiles_estimate(), self.start.elapsed());
+        self.pace.add(self.plan.work(&region));
+        let (share, remaining) = self.pace.tell(elapsed);
         let place = self.seats.get(&worker).map(|s| s.place);
         self.progress.send_modify(|p| {
             p.tiles_done += 1;
             p.tiles_total = tiles_total.max(p.tiles_done);
             p.pixels_done += region.area();
             p.rays += done.rays;
-            p.elapsed = elapsed;
+            (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining);
             if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
                 w.tiles += 1;
                 w.pixels += region.area();

@@ -2,6 +2,7 @@
 
 mod driver;
 mod incoming;
+mod pace;
 mod service;
 mod stitch;
 mod timing;
@@ -165,14 +166,13 @@ impl Farm {
         });
         let (tiles, stitcher) = stitch::start(job.region, job.pixels);
         let plan = Plan::new(job.goal, whole, job.region);
-        let area = job.region.area();
         let driver = Driver::new(
             scheduler,
             (door, job.pixels),
             heard,
             tiles,
             progress.clone(),
-            (plan, area),
+            (plan, job.region),
             (start, job.timing),
         );
         let (ended, end, passing, plan) = driver.run(&cancel).await;

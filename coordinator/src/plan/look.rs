@@ -109,6 +109,11 @@ pub(super) struct Fields {
 }
 
 impl Fields {
+    /// Points a pixel that were expected in each field, within the tolerance of the look.
+    pub(super) fn work(&self, points: impl Fn(&ErrorEstimate) -> f64) -> Work {
+        Work { spots: self.spots, points: self.errors.iter().map(points).collect() }
+    }
+
     /// Standard error of the root mean square that was seen, as a share of it. What lies between the blocks
     /// differs from them as they do from their neighbours.
     pub(super) fn doubt(&self) -> f64 {
@@ -140,6 +145,38 @@ impl Fields {
     }
 }
 
+/// How much there is to do in which part of a picture.
+#[derive(Clone, Debug)]
+pub(super) struct Work {
+    spots: Spots,
+    /// Points a pixel in each field, row by row.
+    points: Vec<f64>,
+}
+
+impl Work {
+    /// Expected points in `region`.
+    pub(super) fn of(&self, region: &Region) -> f64 {
+        let Spots { picture, wide, high, across, down } = self.spots;
+        // Pixels that a field and the region have in common along an axis.
+        let common = |k: u32, (fields, blocks): (u32, u32), (from, to): (u32, u32)| {
+            let (first, last) = Spots::edges(k, fields, blocks);
+            f64::from((last * SPOT).min(to).saturating_sub((first * SPOT).max(from)))
+        };
+        let (x, y) =
+            ((region.x0 - picture.x0, region.x1 - picture.x0), (region.y0 - picture.y0, region.y1 - picture.y0));
+        let mut sum = 0.0;
+        for j in 0..down {
+            let rows = common(j, (down, high), y);
+            if rows > 0.0 {
+                for i in 0..across {
+                    sum += rows * common(i, (across, wide), x) * self.points[(j * across + i) as usize];
+                }
+            }
+        }
+        sum
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -160,6 +197,18 @@ mod tests {
         let (even, slope, ragged) = (doubt(&|_| 500.0), doubt(&|x| f64::from(x)), doubt(&ragged));
         assert_eq!(even, 0.0);
         assert!(0.0 < slope && 2.0 * slope < ragged && ragged < 0.5, "{slope}, {ragged}");
+    }
+
+    #[test]
+    fn the_work_of_parts_is_that_of_the_whole() {
+        let picture = Region { x0: 0, y0: 0, x1: 650, y1: 483 };
+        let spots = Spots::of(picture, 1);
+        let tiles: Vec<_> = spots.regions().map(|r| (r, ErrorEstimate { pixels: 64, ..Default::default() })).collect();
+        let fields = spots.fields(&tiles);
+        assert!((fields.work(|_| 5.0).of(&picture) - 5.0 * picture.area() as f64).abs() < 1.0);
+        let work = Work { points: (0..tiles.len()).map(|k| (k * k % 17) as f64).collect(), ..fields.work(|_| 0.0) };
+        let parts: f64 = picture.blocks(37).iter().map(|r| work.of(r)).sum();
+        assert!((parts / work.of(&picture) - 1.0).abs() < 1e-9);
     }
 
     proptest! {

@@ -100,6 +100,22 @@ impl Plan {
         }
     }
 
+    /// Expected work in `region` in the pass at hand, in units of its own.
+    pub(crate) fn work(&self, region: &Region) -> f64 {
+        match self {
+            Self::Target(target) => target.work(region),
+            _ => region.area() as f64,
+        }
+    }
+
+    /// How long the pass at hand is expected to take, where that can be told.
+    pub(crate) fn expected(&self) -> Option<Duration> {
+        match self {
+            Self::Target(target) => target.expected(),
+            _ => None,
+        }
+    }
+
     /// Whether tiles are to be remembered one by one.
     pub(crate) fn wants_tiles(&self) -> bool {
         match self {

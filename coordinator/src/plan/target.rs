@@ -9,11 +9,13 @@
 //! tolerance that the whole is. A picture so small that a look sees all of it needs no other render: then looks go on
 //! until one meets the target and not by far, and its pixels are the picture.
 
+use std::time::Duration;
+
 use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::settings::{AuditRate, Tolerance};
 
 use super::cost::{self, MOST_AIM};
-use super::look::Spots;
+use super::look::{Spots, Work};
 use super::{Outcome, Step, reaches, within};
 
 /// The first tolerance that is tried, in errors asked for.
@@ -59,6 +61,8 @@ pub(crate) struct Target {
     missed: Option<(Tolerance, f64)>,
     /// Whether the whole view meets the target by what was seen.
     met: bool,
+    /// What there is to do where, and seconds a point, by the last look at parts.
+    work: Option<(Work, f64)>,
 }
 
 /// What a pass tells of the whole.
@@ -85,6 +89,7 @@ impl Target {
             bad: None,
             missed: None,
             met: false,
+            work: None,
         }
     }
 
@@ -113,7 +118,14 @@ impl Target {
         let (_, drawn) = cost::audit(self.view.area(), self.seen.as_ref().map(|(e, t)| (e, *t)));
         let audits = if spots.are_all() { 1.0 } else { (error.audited as f64 / drawn.max(1.0)).sqrt() };
         let spread = if rmse > 0.0 { (upper / rmse - 1.0) * audits } else { 0.0 };
-        let doubt = spots.fields(&outcome.tiles).doubt();
+        let fields = spots.fields(&outcome.tiles);
+        let doubt = fields.doubt();
+        if !spots.are_all() {
+            // A look's pixels are audited, and the pixels around each block are sampled for it alone.
+            let points = error.pixels as f64 * (3.0 * cost::points(&error, self.tolerance) + 2.0);
+            let seconds = outcome.took.as_secs_f64() / points.max(1.0);
+            self.work = Some((fields.work(|e| cost::points(e, self.tolerance)), seconds));
+        }
         let seen = Seen { rmse, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
         if spots.are_all() { self.after_all(seen) } else { self.after_look(seen) }
     }
@@ -193,6 +205,20 @@ impl Target {
     fn is_in_vain(&mut self, upper: f64) -> bool {
         let before = self.missed.replace((self.tolerance, upper));
         before.is_some_and(|(t, u)| self.tolerance.fraction() < 0.8 * t.fraction() && upper > 0.95 * u)
+    }
+
+    /// Expected work in `region`, in units of its own.
+    pub(super) fn work(&self, region: &Region) -> f64 {
+        match &self.work {
+            Some((work, _)) if self.renders > 0 => work.of(region),
+            _ => region.area() as f64,
+        }
+    }
+
+    /// How long the render at hand is expected to take.
+    pub(super) fn expected(&self) -> Option<Duration> {
+        let (work, seconds) = self.work.as_ref().filter(|_| self.renders == 1)?;
+        Duration::try_from_secs_f64(1.1 * seconds * work.of(&self.region)).ok()
     }
 
     fn is_whole(&self) -> bool {
