@@ -90,10 +90,9 @@ fn too_little(t: &Told) -> Option<&'static str> {
 
 #[test]
 fn errors_of_fine_detail_are_told() {
-    for seed in [1, 2] {
-        let faults = faults(&fine::FINE, (40, 30), seed, too_little);
-        assert!(faults.is_empty(), "{}", faults.join("\n"));
-    }
+    let faults: Vec<String> =
+        [1, 2].into_iter().flat_map(|seed| faults(&fine::FINE, (40, 30), seed, too_little)).collect();
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
 #[test]

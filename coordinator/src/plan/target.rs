@@ -26,8 +26,16 @@ const LOOSEST: f64 = 64.0 / 255.0;
 const LOOK_RATE: AuditRate = AuditRate(4 << 16);
 /// The upper end of the interval is aimed at this share of the target.
 const SURE: f64 = 0.97;
-/// The error itself is aimed at this share of the target at least.
-const LEAST_AIM: f64 = 0.45;
+/// The error itself is aimed at this share of the target at least, and at this one of a small picture.
+const LEAST_AIM: f64 = 0.6;
+const LEAST_AIM_AT_ALL: f64 = 0.45;
+/// What a look at parts saw counts as what was expected there times such factors at most: a pixel that errs by far
+/// more than was thought says that something is missed, and not how the error depends on the tolerance.
+const SURPRISE: [f64; 2] = [0.6, 1.5];
+/// After a render that missed the target, this share of it is aimed at, by this much finer at least.
+const ONCE_MORE: f64 = 0.75;
+/// A tolerance has helped where the error fell by this share of what the tolerance did.
+const HELPS: f64 = 0.3;
 /// A picture that is better than this share of the target is too good.
 const TOO_GOOD: f64 = 0.4;
 /// Tolerances are changed by such factors at a time.
@@ -69,6 +77,8 @@ pub(crate) struct Target {
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     rmse: f64,
+    /// What the sampler expected.
+    expected: f64,
     /// The upper end of its interval.
     upper: f64,
     /// By how much a render's error may be above what is aimed at.
@@ -126,15 +136,22 @@ impl Target {
             let seconds = outcome.took.as_secs_f64() / points.max(1.0);
             self.work = Some((fields.work(|e| cost::points(e, self.tolerance)), seconds));
         }
-        let seen = Seen { rmse, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
+        let expected = error.expected_rmse();
+        let seen = Seen { rmse, expected, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
         if spots.are_all() { self.after_all(seen) } else { self.after_look(seen) }
     }
 
     /// The tolerance that leads from what was seen to what is aimed at, and by what factor the error changes.
     fn better(&self, seen: &Seen) -> (Tolerance, f64) {
-        let aim = (SURE / seen.margin).clamp(LEAST_AIM, MOST_AIM) * self.error;
-        // Where nothing was seen to err, the upper end says how little that tells.
-        let rmse = if seen.rmse > 0.0 { seen.rmse } else { 0.5 * seen.upper };
+        let all = self.spots().are_all();
+        let least = if all { LEAST_AIM_AT_ALL } else { LEAST_AIM };
+        let aim = (SURE / seen.margin).clamp(least, MOST_AIM) * self.error;
+        let rmse = if all {
+            // Where nothing was seen to err, the upper end says how little that tells.
+            if seen.rmse > 0.0 { seen.rmse } else { 0.5 * seen.upper }
+        } else {
+            seen.rmse.clamp(SURPRISE[0] * seen.expected, SURPRISE[1] * seen.expected)
+        };
         let ratio = if rmse > 0.0 { aim / rmse } else { STEPS[1] };
         (self.scaled(ratio), ratio)
     }
@@ -197,14 +214,17 @@ impl Target {
             return None;
         }
         self.seen = Some((outcome.error, self.tolerance));
-        let next = self.scaled((MOST_AIM * self.error / upper).min(0.9));
+        let next = self.scaled((ONCE_MORE * self.error / upper).min(ONCE_MORE));
         Some(self.render(next))
     }
 
     /// Whether looking closer has not helped: notes that the tolerance at hand missed the target.
     fn is_in_vain(&mut self, upper: f64) -> bool {
         let before = self.missed.replace((self.tolerance, upper));
-        before.is_some_and(|(t, u)| self.tolerance.fraction() < 0.8 * t.fraction() && upper > 0.95 * u)
+        before.is_some_and(|(t, u)| {
+            let finer = self.tolerance.fraction() / t.fraction();
+            finer < 0.85 && upper > u * (1.0 - HELPS * (1.0 - finer))
+        })
     }
 
     /// Expected work in `region`, in units of its own.
