@@ -9,5 +9,5 @@ mod scheduler;
 
 pub use farm::{Farm, Timing, render};
 pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
-pub use plan::Goal;
+pub use plan::{Forecast, Goal};
 pub use tessera_proto::{PixelFormat, Pixels};

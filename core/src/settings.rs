@@ -27,6 +27,9 @@ pub enum SettingsError {
     /// Samples form a square grid of at most [`Sampling::MAX_GRID`] a side.
     #[error("samples must be a square number from 1 to {max}, not {0}", max = Sampling::MAX_GRID * Sampling::MAX_GRID)]
     Samples(u64),
+    /// A scrambled sequence has at most [`Sampling::MAX_SAMPLES`] points.
+    #[error("samples must be 1 to {max}, not {0}", max = Sampling::MAX_SAMPLES)]
+    Scrambled(u64),
 }
 
 impl View {
@@ -234,6 +237,8 @@ impl Quality {
 impl Sampling {
     /// The finest uniform grid, in cells along a pixel's edge.
     pub const MAX_GRID: u32 = 64;
+    /// The most points of a scrambled sequence.
+    pub const MAX_SAMPLES: u32 = Self::MAX_GRID * Self::MAX_GRID;
 
     /// Uniform sampling by `samples` = n² points a pixel.
     ///
@@ -244,6 +249,17 @@ impl Sampling {
             .find(|&n| u64::from(n) * u64::from(n) == samples)
             .map(|grid| Self::Uniform { grid })
             .ok_or(SettingsError::Samples(samples))
+    }
+
+    /// Sampling by `samples` points of a scrambled sequence in every pixel.
+    ///
+    /// # Errors
+    /// When they are none, or more than [`Sampling::MAX_SAMPLES`].
+    pub fn scrambled(samples: u64) -> Result<Self, SettingsError> {
+        match u32::try_from(samples) {
+            Ok(samples @ 1..=Self::MAX_SAMPLES) => Ok(Self::Scrambled { samples }),
+            _ => Err(SettingsError::Scrambled(samples)),
+        }
     }
 }
 

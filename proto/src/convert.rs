@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use bytes::Bytes;
-use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::{Sampling, Settings, SettingsError, Tolerance, Transfer, View};
+use tessera_core::film::{ErrorEstimate, Region, Sum};
+use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, SettingsError, Tolerance, Transfer, View};
 use tessera_core::trace::RayCounts;
 
-use crate::ids::{Attempt, InstanceId, LeaseId, Pass, SceneHash};
+use crate::ids::{Attempt, InstanceId, LeaseId, PassNumber, SceneHash};
 use crate::limits::{
     BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
 };
@@ -177,19 +177,18 @@ impl TryFrom<wire::Job> for Job {
 
 impl From<Settings> for wire::Settings {
     fn from(s: Settings) -> Self {
-        let (grid, tolerance, every_pixel) = match s.sampling {
-            Sampling::Uniform { grid } => (grid, 0, false),
-            Sampling::Adaptive { tolerance, every_pixel } => (0, tolerance.billionths(), every_pixel),
-        };
+        use wire::settings::Sampling as Wire;
         Self {
             width: s.view.width(),
             height: s.view.height(),
             zoom: s.view.zoom(),
             plane_height: s.view.plane_height(),
             max_depth: s.max_depth,
-            sample_grid: grid,
-            tolerance_billionths: tolerance,
-            every_pixel,
+            sampling: Some(match s.sampling {
+                Sampling::Uniform { grid } => Wire::Grid(grid),
+                Sampling::Scrambled { samples } => Wire::Scrambled(samples),
+                Sampling::Adaptive => Wire::Adaptive(wire::Adaptive {}),
+            }),
             transfer: match s.transfer {
                 Transfer::Srgb => wire::Transfer::Srgb,
                 Transfer::Linear => wire::Transfer::Linear,
@@ -211,10 +210,12 @@ impl TryFrom<wire::Settings> for Settings {
         if s.max_depth == 0 {
             return Err(SettingsError::MaxDepth.into());
         }
-        let sampling = match (s.sample_grid, tolerance(s.tolerance_billionths)?) {
-            (0, Some(tolerance)) => Sampling::Adaptive { tolerance, every_pixel: s.every_pixel },
-            (grid @ 1..=Sampling::MAX_GRID, None) if !s.every_pixel => Sampling::Uniform { grid },
-            _ => return Err(Malformed::Range("the sample grid")),
+        use wire::settings::Sampling as Wire;
+        let sampling = match s.sampling.ok_or(Malformed::Missing("the sampling"))? {
+            Wire::Grid(grid @ 1..=Sampling::MAX_GRID) => Sampling::Uniform { grid },
+            Wire::Scrambled(samples @ 1..=Sampling::MAX_SAMPLES) => Sampling::Scrambled { samples },
+            Wire::Adaptive(wire::Adaptive {}) => Sampling::Adaptive,
+            Wire::Grid(_) | Wire::Scrambled(_) => return Err(Malformed::Range("the number of samples")),
         };
         Ok(Self {
             view: View::new(s.width, s.height, s.zoom, s.plane_height)?,
@@ -225,12 +226,15 @@ impl TryFrom<wire::Settings> for Settings {
     }
 }
 
-/// A tolerance, 0 standing for none.
-fn tolerance(billionths: u32) -> Result<Option<Tolerance>, Malformed> {
-    match billionths {
-        0 => Ok(None),
-        n if Tolerance::from_billionths(n).billionths() == n => Ok(Some(Tolerance::from_billionths(n))),
-        _ => Err(Malformed::Range("a tolerance")),
+fn detail(detail: wire::lease::Detail) -> Result<Detail, Malformed> {
+    use wire::lease::Detail as Wire;
+    match detail {
+        Wire::CoarseStep(step @ 2..=Detail::COARSEST) => Ok(Detail::Coarse { step }),
+        Wire::CoarseStep(_) => Err(Malformed::Range("a coarse step")),
+        Wire::ToleranceBillionths(n) => match Tolerance::from_billionths(n) {
+            tolerance if tolerance.billionths() == n => Ok(Detail::Within(tolerance)),
+            _ => Err(Malformed::Range("a tolerance")),
+        },
     }
 }
 
@@ -280,21 +284,25 @@ pub struct Lease {
     pub attempt: Attempt,
     /// The pixels.
     pub region: Region,
-    /// Which pass over them.
-    pub pass: Pass,
-    /// Within what, where not as the settings say.
-    pub tolerance: Option<Tolerance>,
+    /// Which pass over the picture it belongs to.
+    pub number: PassNumber,
+    /// How closely that looks; `None` where sampling is uniform.
+    pub pass: Option<Pass>,
 }
 
 impl From<Lease> for wire::Lease {
     fn from(l: Lease) -> Self {
-        let tolerance_billionths = l.tolerance.map_or(0, Tolerance::billionths);
+        use wire::lease::Detail as Wire;
         Self {
             lease: l.id.0,
             attempt: l.attempt.0,
             region: Some(l.region.into()),
-            pass: l.pass.0,
-            tolerance_billionths,
+            pass: l.number.0,
+            detail: l.pass.map(|pass| match pass.detail {
+                Detail::Coarse { step } => Wire::CoarseStep(step),
+                Detail::Within(tolerance) => Wire::ToleranceBillionths(tolerance.billionths()),
+            }),
+            audit_rate: l.pass.map_or(0, |pass| pass.audit.0),
         }
     }
 }
@@ -303,12 +311,18 @@ impl TryFrom<wire::Lease> for Lease {
     type Error = Malformed;
 
     fn try_from(l: wire::Lease) -> Result<Self, Malformed> {
+        let audit = AuditRate(l.audit_rate);
+        let pass = match l.detail {
+            Some(d) => Some(Pass { detail: detail(d)?, audit }),
+            None if audit == AuditRate::default() => None,
+            None => return Err(Malformed::Missing("what to audit")),
+        };
         Ok(Self {
             id: LeaseId(l.lease),
             attempt: Attempt(l.attempt),
             region: l.region.ok_or(Malformed::Missing("a region"))?.try_into()?,
-            pass: Pass(l.pass),
-            tolerance: tolerance(l.tolerance_billionths)?,
+            number: PassNumber(l.pass),
+            pass,
         })
     }
 }
@@ -336,8 +350,10 @@ impl TryFrom<wire::RayCounts> for RayCounts {
 
 impl From<ErrorEstimate> for wire::ErrorEstimate {
     fn from(e: ErrorEstimate) -> Self {
-        let ErrorEstimate { pixels, squares, weight_squares, depth_squares, worst } = e;
-        Self { pixels, squares, worst, weight_squares, depth_squares }
+        // `as` takes the upper and the lower half.
+        let sum = |Sum(units)| (units != 0).then_some(wire::Sum { high: (units >> 64) as i64, low: units as u64 });
+        let ErrorEstimate { pixels, expected, audited, squares, variance } = e;
+        Self { pixels, expected: sum(expected), audited, squares: sum(squares), variance: sum(variance) }
     }
 }
 
@@ -345,14 +361,16 @@ impl TryFrom<wire::ErrorEstimate> for ErrorEstimate {
     type Error = Malformed;
 
     fn try_from(e: wire::ErrorEstimate) -> Result<Self, Malformed> {
-        // A pixel's square is at most full scale's, and rounded up.
-        let most = e.pixels.checked_mul((1 << Self::SHIFT) + 1);
-        let wire::ErrorEstimate { pixels, squares, worst, weight_squares, depth_squares } = e;
-        let largest = squares.max(weight_squares).max(depth_squares);
-        if pixels > MAX_TILE_PIXELS || most.is_none_or(|most| largest > most) {
+        let sum = |s: Option<wire::Sum>| Sum(s.map_or(0, |s| (i128::from(s.high) << 64) | i128::from(s.low)));
+        let wire::ErrorEstimate { pixels, audited, .. } = e;
+        let (expected, squares, variance) = (sum(e.expected), sum(e.squares), sum(e.variance));
+        let negative = expected.0 < 0 || variance.0 < 0;
+        let unfounded = audited == 0 && (squares, variance) != (Sum::default(), Sum::default());
+        // Counts so small add up without overflow; sums stop at the ends of their range.
+        if pixels > MAX_TILE_PIXELS || audited > pixels || negative || unfounded {
             return Err(Malformed::Range("an error"));
         }
-        Ok(Self { pixels, squares, weight_squares, depth_squares, worst })
+        Ok(Self { pixels, expected, audited, squares, variance })
     }
 }
 
@@ -451,8 +469,6 @@ pub fn check_size(bytes: &[u8], format: PixelFormat, region: &Region) -> Result<
 
 #[cfg(test)]
 mod tests {
-    use tessera_core::settings::Quality;
-
     use super::*;
 
     fn settings() -> Settings {
@@ -467,7 +483,7 @@ mod tests {
     #[test]
     fn a_job_survives_the_wire() {
         for scene in [None, Some((SceneHash([7; 32]), 1234))] {
-            for sampling in [settings().sampling, Quality::Preview.sampling(), Quality::Final.sampling()] {
+            for sampling in [settings().sampling, Sampling::Scrambled { samples: 5 }, Sampling::Adaptive] {
                 let settings = Settings { sampling, ..settings() };
                 let job = Job { scene, settings, pixels: PixelFormat::Rgb16 };
                 assert_eq!(Job::try_from(wire::Job::from(job.clone())).unwrap(), job);
@@ -484,10 +500,12 @@ mod tests {
             wire::Settings { zoom: f64::NAN, ..good },
             wire::Settings { plane_height: -1.0, ..good },
             wire::Settings { max_depth: 0, ..good },
-            wire::Settings { sample_grid: 0, ..good },
-            wire::Settings { sample_grid: 1 << 20, ..good },
+            wire::Settings { sampling: None, ..good },
+            wire::Settings { sampling: Some(wire::settings::Sampling::Grid(0)), ..good },
+            wire::Settings { sampling: Some(wire::settings::Sampling::Grid(65)), ..good },
+            wire::Settings { sampling: Some(wire::settings::Sampling::Scrambled(0)), ..good },
+            wire::Settings { sampling: Some(wire::settings::Sampling::Scrambled(4097)), ..good },
             wire::Settings { transfer: 9, ..good },
-            wire::Settings { every_pixel: true, ..good },
         ] {
             assert!(Settings::try_from(bad).is_err(), "{bad:?}");
         }
@@ -500,6 +518,59 @@ mod tests {
         assert!(region(0, 0, 257, 256).is_err());
         assert!(region(5, 0, 5, 1).is_err());
         assert!(region(0, 0, u32::MAX, u32::MAX).is_err());
+    }
+
+    #[test]
+    fn leases_survive_the_wire_and_are_checked() {
+        use wire::lease::Detail as Wire;
+        let region = Region::new(8, 16, 24, 32).unwrap();
+        let lease = |pass| Lease { id: LeaseId(3), attempt: Attempt(1), region, number: PassNumber(2), pass };
+        let within = |billionths| Detail::Within(Tolerance::from_billionths(billionths));
+        for detail in [Detail::Coarse { step: 2 }, Detail::Coarse { step: 64 }, within(1000), within(4_000_000_000)] {
+            for audit in [AuditRate::default(), AuditRate(7), AuditRate::ALL] {
+                let lease = lease(Some(Pass { detail, audit }));
+                assert_eq!(Lease::try_from(wire::Lease::from(lease)), Ok(lease));
+            }
+        }
+        let plain = wire::Lease::from(lease(None));
+        assert_eq!(Lease::try_from(plain), Ok(lease(None)));
+        for bad in [
+            wire::Lease { audit_rate: 1, ..plain },
+            wire::Lease { region: None, ..plain },
+            wire::Lease { detail: Some(Wire::CoarseStep(1)), ..plain },
+            wire::Lease { detail: Some(Wire::CoarseStep(65)), ..plain },
+            wire::Lease { detail: Some(Wire::ToleranceBillionths(999)), ..plain },
+            wire::Lease { detail: Some(Wire::ToleranceBillionths(u32::MAX)), ..plain },
+        ] {
+            assert!(Lease::try_from(bad).is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn errors_survive_the_wire_and_are_checked() {
+        for units in [0, 1, -1, 1 << 64, -(1 << 64), i128::MAX, i128::MIN, 3 << 63, -(3 << 63)] {
+            let error = ErrorEstimate {
+                pixels: 64,
+                expected: Sum(units.max(0)),
+                audited: 64,
+                squares: Sum(units),
+                variance: Sum(units.max(0)),
+            };
+            assert_eq!(ErrorEstimate::try_from(wire::ErrorEstimate::from(error)), Ok(error));
+        }
+        let good = wire::ErrorEstimate { pixels: 8, audited: 2, ..Default::default() };
+        let (below, above) = (Some(wire::Sum { high: -1, low: 5 }), Some(wire::Sum { high: 0, low: 5 }));
+        assert!(ErrorEstimate::try_from(wire::ErrorEstimate { squares: below, ..good }).is_ok());
+        for bad in [
+            wire::ErrorEstimate { pixels: 1 << 40, ..good },
+            wire::ErrorEstimate { audited: 9, ..good },
+            wire::ErrorEstimate { expected: below, ..good },
+            wire::ErrorEstimate { variance: below, ..good },
+            wire::ErrorEstimate { audited: 0, squares: above, ..good },
+            wire::ErrorEstimate { audited: 0, variance: above, ..good },
+        ] {
+            assert!(ErrorEstimate::try_from(bad).is_err(), "{bad:?}");
+        }
     }
 
     #[test]

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 /// Version of `farm.proto`.
-pub const PROTOCOL: u32 = 2;
+pub const PROTOCOL: u32 = 3;
 
 /// The program's version, equal on both sides.
 pub const BUILD: &str = env!("CARGO_PKG_VERSION");
 
 /// How numbers become pixels: changes with anything that can change a pixel's bits.
-pub const NUMERIC_MODE: &str = "f64-nearest-denormals-1";
+pub const NUMERIC_MODE: &str = "f64-nearest-denormals-2";
 
 /// Where workers are awaited unless a port is given.
 pub const DEFAULT_PORT: u16 = 4747;

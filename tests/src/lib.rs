@@ -19,3 +19,4 @@ pub mod proxy;
 pub mod reference;
 pub mod studio;
 pub mod subject;
+pub mod truth;

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::Tolerance;
+use tessera_core::film::{ErrorEstimate, Region, Sum};
+use tessera_core::settings::{Detail, Pass};
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
@@ -16,11 +16,12 @@ use tokio::time::{Instant, sleep_until, timeout_at};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
+use super::pace::Pace;
 use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
-use crate::plan::{Outcome, Plan, Step};
+use crate::plan::{Forecast, Outcome, Plan, Step};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
 
 /// Workers that may register in one render, reconnections of the same one not counted.
@@ -45,12 +46,14 @@ pub(super) struct Passing {
     at_hand: Outcome,
     began: Duration,
     kept: bool,
+    detail: Option<Pass>,
     /// Of the last whole picture.
     picture: Outcome,
     /// Passes begun, and passes of those that are in the picture as a whole.
     pub(super) begun: u32,
     pub(super) whole: u32,
-    pub(super) tolerance: Option<Tolerance>,
+    /// How closely the last whole picture was looked at; before there is one, the picture at hand.
+    pub(super) pass: Option<Pass>,
     /// Whether time was up before the plan was done.
     pub(super) timed_out: bool,
 }
@@ -67,17 +70,28 @@ impl Passing {
             let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
             let left = region.area() - covered.min(region.area());
             if left > 0 {
-                let share = |squares: u64| (u128::from(squares) * u128::from(left) / u128::from(region.area())) as u64;
+                let part = left as f64 / region.area() as f64;
+                let share = |sum: Sum| Sum::new(part * sum.value());
                 sum += ErrorEstimate {
                     pixels: left,
+                    expected: share(error.expected),
+                    audited: (part * error.audited as f64).round() as u64,
                     squares: share(error.squares),
-                    weight_squares: share(error.weight_squares),
-                    depth_squares: share(error.depth_squares),
-                    worst: error.worst,
+                    variance: share(error.variance),
                 };
             }
         }
         sum
+    }
+
+    /// What other errors would take, where the last whole picture tells.
+    pub(super) fn forecast(&self) -> Option<Forecast> {
+        match self.pass?.detail {
+            Detail::Within(tolerance) if self.whole > 0 => {
+                Some(Forecast::new(&self.picture.error, tolerance, self.picture.took))
+            }
+            _ => None,
+        }
     }
 }
 
@@ -99,6 +113,9 @@ pub(super) struct Driver {
     start: Instant,
     plan: Plan,
     pass: Passing,
+    /// Pixels of the picture.
+    area: Region,
+    pace: Pace,
     timing: Timing,
     seats: BTreeMap<WorkerKey, Seat>,
     places: HashMap<InstanceId, usize>,
@@ -115,13 +132,15 @@ impl Driver {
         heard: mpsc::Receiver<Heard>,
         tiles: mpsc::Sender<Stitch>,
         progress: watch::Sender<Progress>,
-        plan: Plan,
+        (plan, area): (Plan, Region),
         (start, timing): (Instant, Timing),
     ) -> Self {
         Self {
             scheduler,
+            pace: Pace::new(plan.limit()),
             plan,
             pass: Passing::default(),
+            area,
             door,
             pixels,
             heard,
@@ -138,7 +157,7 @@ impl Driver {
     }
 
     /// Renders until the end, and dismisses the workers. Also says when the end was.
-    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passing) {
+    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passing, Plan) {
         let first = self.plan.first();
         self.begin(first);
         // Far off where there is none.
@@ -148,7 +167,8 @@ impl Driver {
             let end = tokio::select! {
                 biased;
                 () = cancel.cancelled() => break Err(RenderError::Cancelled),
-                () = sleep_until(self.start + limit) => {
+                // A picture that is whole comes first, however short the time.
+                () = sleep_until(self.start + limit), if self.pass.whole > 0 => {
                     self.pass.timed_out = true;
                     break Ok(());
                 }
@@ -163,28 +183,36 @@ impl Driver {
             }
         };
         let ended = Instant::now();
+        if end.is_ok() {
+            self.progress.send_modify(|p| (p.share, p.remaining) = (1.0, Some(Duration::ZERO)));
+        }
         self.dismiss().await;
-        (end, ended, self.pass)
+        (end, ended, self.pass, self.plan)
     }
 
     /// Begins a pass.
     fn begin(&mut self, step: Step) {
-        let pixels = step.regions.iter().map(Region::area).sum::<u64>();
+        let all = if step.regions.is_empty() { vec![self.area] } else { step.regions.clone() };
+        let pixels = all.iter().map(Region::area).sum::<u64>();
+        let work = all.iter().map(|r| self.plan.work(r)).sum();
+        self.pace.begin(self.start.elapsed(), work, step.kept, self.plan.expected());
         self.pass.begun += 1;
         self.pass.kept = step.kept;
         self.pass.began = self.start.elapsed();
         self.pass.at_hand = Outcome::default();
-        if step.kept {
-            self.pass.tolerance = step.tolerance;
+        self.pass.detail = step.pass;
+        if self.pass.whole == 0 && step.kept {
+            self.pass.pass = step.pass;
         }
         self.progress.send_modify(|p| {
             (p.tiles_done, p.pixels_done) = (0, 0);
-            p.pixels_total = if pixels > 0 { pixels } else { self.plan.area() };
+            p.pixels_total = pixels;
+            (p.pass, p.is_look) = (self.pass.begun, !step.kept);
         });
         if self.pass.begun == 1 {
-            self.scheduler.begin_first(step.tolerance, step.regions);
+            self.scheduler.begin_first(step.pass, step.regions);
         } else {
-            self.scheduler.begin(step.tolerance, step.regions, step.dearer);
+            self.scheduler.begin(step.pass, step.regions, step.dearer);
         }
     }
 
@@ -197,7 +225,11 @@ impl Driver {
             pass = self.pass.begun,
             kept = self.pass.kept,
             pixels = outcome.error.pixels,
+            detail = ?self.pass.detail.map(|p| p.detail),
+            audited = outcome.error.audited,
             steps = 255.0 * outcome.error.rmse(),
+            up_to = 255.0 * outcome.error.interval().1,
+            expected = 255.0 * outcome.error.expected_rmse(),
             seconds = outcome.took.as_secs_f64(),
             "pass done"
         );
@@ -205,7 +237,9 @@ impl Driver {
         if self.pass.kept {
             self.pass.whole += 1;
             self.pass.picture = outcome;
+            self.pass.pass = self.pass.detail;
         }
+        self.pass.timed_out = self.plan.limit().is_some_and(|limit| limit <= now);
         match next {
             Some(step) => {
                 self.begin(step);
@@ -279,6 +313,11 @@ impl Driver {
 
     async fn tell_once(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
         let mut effects = Vec::new();
+        if matches!(event, Event::Tick) {
+            let elapsed = self.start.elapsed();
+            let (share, remaining) = self.pace.tell(elapsed);
+            self.progress.send_modify(|p| (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining));
+        }
         let teller = event.worker();
         self.scheduler.handle(event, self.start.elapsed(), &mut effects);
         let mut end = None;
@@ -464,15 +503,17 @@ impl Driver {
         });
     }
 
-    fn count(&self, worker: WorkerKey, region: Region, done: &TileDone) {
+    fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
         let (tiles_total, elapsed) = (self.scheduler.tiles_estimate(), self.start.elapsed());
+        self.pace.add(self.plan.work(&region));
+        let (share, remaining) = self.pace.tell(elapsed);
         let place = self.seats.get(&worker).map(|s| s.place);
         self.progress.send_modify(|p| {
             p.tiles_done += 1;
             p.tiles_total = tiles_total.max(p.tiles_done);
             p.pixels_done += region.area();
             p.rays += done.rays;
-            p.elapsed = elapsed;
+            (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining);
             if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
                 w.tiles += 1;
                 w.pixels += region.area();

@@ -2,6 +2,7 @@
 
 mod driver;
 mod incoming;
+mod pace;
 mod service;
 mod stitch;
 mod timing;
@@ -149,8 +150,9 @@ impl Farm {
         }
         let samples = match job.settings.sampling {
             Sampling::Uniform { grid } => grid * grid,
-            // Corners, and as much again along edges.
-            Sampling::Adaptive { .. } => 2,
+            Sampling::Scrambled { samples } => samples,
+            // What every pixel begins with, and what a few get beyond.
+            Sampling::Adaptive => 6,
         };
         let scheduler = Scheduler::new(scheduler::Config {
             region: job.region,
@@ -163,10 +165,17 @@ impl Farm {
             prepare_within: job.timing.prepare_within,
         });
         let (tiles, stitcher) = stitch::start(job.region, job.pixels);
-        let plan = Plan::new(job.goal, job.region);
-        let driver =
-            Driver::new(scheduler, (door, job.pixels), heard, tiles, progress.clone(), plan, (start, job.timing));
-        let (ended, end, passing) = driver.run(&cancel).await;
+        let plan = Plan::new(job.goal, whole, job.region);
+        let driver = Driver::new(
+            scheduler,
+            (door, job.pixels),
+            heard,
+            tiles,
+            progress.clone(),
+            (plan, job.region),
+            (start, job.timing),
+        );
+        let (ended, end, passing, plan) = driver.run(&cancel).await;
         let stitched = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
         let Stitched { image, done } = stitched.ok_or_else(|| RenderError::Memory(job.region.area()))?;
         drop((server, hired, closing));
@@ -183,10 +192,9 @@ impl Farm {
             tiles,
             trace,
             error: (error.pixels > 0).then_some(error),
-            tolerance: passing.tolerance.or(match job.settings.sampling {
-                Sampling::Adaptive { tolerance, .. } => Some(tolerance),
-                Sampling::Uniform { .. } => None,
-            }),
+            target_met: plan.is_met(&error),
+            pass: passing.pass,
+            forecast: passing.forecast(),
             passes: passing.begun,
             timed_out: passing.timed_out,
         };
