@@ -169,11 +169,21 @@ impl Doubts {
     }
 }
 
+/// `region` cut along the picture's squares of `edge` × `edge` pixels, so that tiles are whole.
+fn aligned(region: Region, edge: u32) -> Vec<Region> {
+    let ends = |from: u32, to: u32| {
+        let starts = (from / edge..to.div_ceil(edge)).map(move |k| k * edge);
+        starts.map(move |s| (s.max(from), (s + edge).min(to)))
+    };
+    ends(region.y0, region.y1)
+        .flat_map(|(y0, y1)| ends(region.x0, region.x1).map(move |(x0, x1)| Region { x0, y0, x1, y1 }))
+        .collect()
+}
+
 /// Samples the first points of all pixels of `region`.
 fn first(tracer: &Tracer, region: Region, counts: &mut RayCounts) -> First {
     let view = &tracer.settings().view;
-    let done: Vec<_> = region
-        .blocks(BLOCK)
+    let done: Vec<_> = aligned(region, BLOCK)
         .into_par_iter()
         .map(|block| {
             let mut counts = RayCounts::default();

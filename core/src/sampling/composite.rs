@@ -8,10 +8,12 @@ use super::strata::{Place, Polygon};
 use crate::settings::View;
 use crate::trace::{PlanePoint, Sample};
 
-/// Points that a zone between edges begins with, a ball, and what is in no part.
+/// Points that a zone between edges begins with, a ball that is alone in its pixel, and what is in no part.
 const ZONE: u32 = 8;
 const BALL: u32 = 64;
 const REST: u32 = 16;
+/// κ of a ball among others, as long as nothing else is known.
+const SHADED: f64 = 0.05;
 /// Between the sets of two parts.
 const SETS: u64 = 16;
 
@@ -67,11 +69,16 @@ impl Composite {
         let more = |p: &Pixel, area: f64, first: u32| {
             if p.next == 0 { first } else { (p.next << p.doublings(rule, area)) - p.next }
         };
-        let mut wanted: Vec<u32> = self
-            .parts
-            .iter()
-            .map(|p| more(&p.mean, p.polygon.area(), if p.polygon.is_ball() { BALL } else { ZONE }))
-            .collect();
+        let first = |p: &Part| match (p.polygon.is_ball(), self.parts.len()) {
+            (true, 1) => BALL,
+            (true, _) => {
+                let worth = rule.points(SHADED * p.polygon.area() * p.polygon.area());
+                (worth as u32).clamp(ZONE, BALL).next_power_of_two()
+            }
+            (false, _) => ZONE,
+        };
+        let mut wanted: Vec<u32> =
+            self.parts.iter().map(|p| more(&p.mean, p.polygon.area(), first(p))).collect();
         wanted.push(more(&self.rest, 1.0, REST));
         wanted
     }
