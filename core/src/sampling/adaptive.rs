@@ -39,7 +39,7 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
     let mut counts = RayCounts::default();
     let rule = Rule::new(tolerance);
     for piece in region.blocks(PIECE) {
-        let first = first(tracer, with_apron(piece, &tracer.settings().view), &mut counts);
+        let first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &mut counts);
         let blocks: Vec<_> = piece
             .blocks(BLOCK)
             .into_par_iter()
@@ -132,12 +132,15 @@ struct Doubts {
 }
 
 impl Doubts {
-    fn new(tracer: &Tracer, block: Region) -> Self {
+    fn new(tracer: &Tracer, block: Region, tolerance: Tolerance) -> Self {
         let view = &tracer.settings().view;
         let (x0, y0) = (block.x0 / EDGE, block.y0 / EDGE);
         let (across, down) = (block.x1.div_ceil(EDGE) - x0, block.y1.div_ceil(EDGE) - y0);
         let tiles = (0..across * down)
-            .map(|k| prove(tracer, centre(view, (x0 + k % across) * EDGE, (y0 + k / across) * EDGE)))
+            .map(|k| {
+                let at = centre(view, (x0 + k % across) * EDGE, (y0 + k / across) * EDGE);
+                prove(tracer, at, tolerance.fraction())
+            })
             .collect();
         Self { tiles, across, x0, y0 }
     }
@@ -181,7 +184,7 @@ fn aligned(region: Region, edge: u32) -> Vec<Region> {
 }
 
 /// Samples the first points of all pixels of `region`.
-fn first(tracer: &Tracer, region: Region, counts: &mut RayCounts) -> First {
+fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, counts: &mut RayCounts) -> First {
     let view = &tracer.settings().view;
     let done: Vec<_> = aligned(region, BLOCK)
         .into_par_iter()
@@ -189,7 +192,7 @@ fn first(tracer: &Tracer, region: Region, counts: &mut RayCounts) -> First {
             let mut counts = RayCounts::default();
             let mut order = Vec::new();
             packets(block.width(), block.height(), |i, j| order.push((block.x0 + i, block.y0 + j)));
-            let doubts = Doubts::new(tracer, block);
+            let doubts = Doubts::new(tracer, block, tolerance);
             let composites = doubts.composites(tracer, block);
             let mut points: Vec<PlanePoint> = Vec::new();
             for &at in &order {

@@ -25,7 +25,9 @@ const MOST: usize = 48;
 const MIRRORS: u32 = 4;
 /// What weighs less than this is not worth a proof.
 const FAINT: f64 = 1e-4;
-/// A pixel's middle may be taken for its mean where normals turn by less than this across it.
+/// A pixel's middle may be taken for its mean where that is off by less than this share of the tolerance.
+pub(super) const MIDDLE: f64 = 0.25;
+/// And where normals turn by less than this across it, whatever the tolerance.
 const TURN: f64 = 0.06;
 
 /// What is not proven of each pixel of a tile: how much may hide there, as a part of full scale.
@@ -41,14 +43,16 @@ pub(super) struct Candidate {
     pub(super) alive: Pixels,
 }
 
-/// What is in doubt in the pixels of the tile whose upper left pixel has its centre at `at`.
-pub(crate) fn prove(tracer: &Tracer, at: PlanePoint) -> (Doubt, Shapes) {
-    crate::simd::dispatch(tracer.level(), Prove { tracer, tile: Tile::new(at.x, at.y) })
+/// What is in doubt in the pixels of the tile whose upper left pixel has its centre at `at`, under `tolerance`, a
+/// part of full scale.
+pub(crate) fn prove(tracer: &Tracer, at: PlanePoint, tolerance: f64) -> (Doubt, Shapes) {
+    crate::simd::dispatch(tracer.level(), Prove { tracer, tile: Tile::new(at.x, at.y), tolerance })
 }
 
 struct Prove<'a> {
     tracer: &'a Tracer,
     tile: Tile,
+    tolerance: f64,
 }
 
 impl Kernel for Prove<'_> {
@@ -63,7 +67,15 @@ impl Kernel for Prove<'_> {
         let frame = self.tracer.frame();
         let lens = Lens { apex: DVec3::ZERO, forward: frame.forward, right: frame.right, up: frame.up };
         let (mut doubt, mut shapes) = ([0.0; 64], Vec::new());
-        let eye = View { tracer: self.tracer, tile: &self.tile, lens, mirror: None, weight: 1.0, behind: 0 };
+        let eye = View {
+            tracer: self.tracer,
+            tile: &self.tile,
+            tolerance: self.tolerance,
+            lens,
+            mirror: None,
+            weight: 1.0,
+            behind: 0,
+        };
         let mut views = vec![(eye, Pixels::MAX)];
         while let Some((view, pixels)) = views.pop() {
             view.prove(pixels, &mut doubt, &mut shapes, &mut views);
@@ -76,6 +88,7 @@ impl Kernel for Prove<'_> {
 pub(super) struct View<'a> {
     pub(super) tracer: &'a Tracer,
     pub(super) tile: &'a Tile,
+    pub(super) tolerance: f64,
     pub(super) lens: Lens,
     /// The flat mirror that is looked into: its object, normal, offset, and inverse distance.
     mirror: Option<(u32, DVec3, f64, Linear)>,
@@ -303,6 +316,10 @@ impl<'a> View<'a> {
                     return receiver.pixels;
                 };
                 let r = self.tracer.prepared().local.spheres[i].r;
+                // Over a width in which normals turn by so much, cosines bend by a twenty-fourth of its square.
+                let material = self.tracer.material(ObjectId(receiver.id));
+                let light = self.tracer.prepared().local.lights.len() as f64 * material.albedo.max_element();
+                let turn = (24.0 * MIDDLE * self.tolerance / (self.weight * light).max(1e-9)).sqrt().min(TURN);
                 let mut curved = 0;
                 for j in (0..8).filter(|j| receiver.pixels >> (8 * j) & 0xff != 0) {
                     let (lo, hi) = receiver.depth.row(self.tile, j);
@@ -311,7 +328,7 @@ impl<'a> View<'a> {
                         let wide = scale / lo[k];
                         let deep = (1.0 / lo[k] - 1.0 / hi[k])
                             * self.lens.direction(self.tile.x[k], self.tile.y[j]).length();
-                        curved |= u64::from(!(wide + deep < TURN * r)) << (8 * j + k);
+                        curved |= u64::from(!(wide + deep < turn * r)) << (8 * j + k);
                     }
                 }
                 receiver.pixels & curved

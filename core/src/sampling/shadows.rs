@@ -8,7 +8,7 @@ use crate::beam::lens::{MARGIN, Pixels, pixels_above, row};
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 
-use super::proof::{Doubt, View, object, open};
+use super::proof::{Doubt, MIDDLE, View, object, open};
 use super::strata::{Shape, Shapes};
 
 /// Objects that may stand between a light and a surface, at most; where there are more, it is left open.
@@ -75,6 +75,12 @@ impl View<'_> {
                 continue;
             }
             let shaft = Shaft::new(light, ball.0, ball.1);
+            // A light so near that its cosine bends within a pixel, an eighth of the tile.
+            let (near, wide) = ((light - ball.0).length() - ball.1, 0.5 * ball.1);
+            let bends = surfaces.iter().map(|s| s.albedo).fold(0.0, f64::max) * 0.125;
+            if !(near > 0.0 && bends * wide * wide < MIDDLE * self.tolerance * near * near) {
+                open(doubt, group.pixels, bends);
+            }
             if !gather(&self.tracer.prepared().boxes, &shaft, MOST, &mut found) {
                 for s in surfaces.iter().filter(|s| facing(s)) {
                     open(doubt, s.receiver.pixels, s.albedo);
