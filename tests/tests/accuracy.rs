@@ -45,7 +45,7 @@ fn render(scene: &Arc<PreparedScene>, settings: Settings, target: f64, truth: &T
     cluster.job.settings = settings;
     cluster.job.region = whole(&settings);
     cluster.job.goal = Goal::Error(target / 255.0);
-    let rendered = cluster.render().unwrap();
+    let rendered = cluster.render_unhurried().unwrap();
     let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
     let error = rendered.error.unwrap();
     Told {
@@ -102,7 +102,7 @@ fn ordinary_pictures_are_as_good_as_asked_for_and_hardly_better() {
         let missed = (!t.met).then_some("not as good as asked for");
         too_little(t).or(too_good).or(missed)
     };
-    let faults = faults(&fine::ORDINARY, (96, 72), 5, wrong);
+    let faults = faults(&fine::ORDINARY, (64, 48), 5, wrong);
     assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 

@@ -254,7 +254,7 @@ fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
     )
 }
 
-/// An error in 8-bit steps, with three digits at most.
+/// An error in 8-bit steps, with two digits or so.
 fn steps(fraction: f64) -> String {
     let steps = 255.0 * fraction;
     match steps {
@@ -262,7 +262,8 @@ fn steps(fraction: f64) -> String {
         s if s >= 9.95 => format!("{s:.0}"),
         s if s >= 0.995 => format!("{s:.1}"),
         s if s >= 0.0995 => format!("{s:.2}"),
-        s => format!("{s:.3}"),
+        s if s >= 0.00095 || s == 0.0 => format!("{s:.3}"),
+        s => format!("{s:.1e}"),
     }
 }
 

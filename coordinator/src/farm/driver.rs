@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use tessera_core::film::{ErrorEstimate, Region, Sum};
-use tessera_core::settings::{Detail, Pass};
+use tessera_core::film::Region;
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
@@ -17,11 +16,12 @@ use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
 use super::pace::Pace;
+use super::passing::Passing;
 use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
-use crate::plan::{Forecast, Outcome, Plan, Step};
+use crate::plan::{Outcome, Plan, Step};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
 
 /// Workers that may register in one render, reconnections of the same one not counted.
@@ -37,68 +37,6 @@ struct Seat {
     instance: InstanceId,
     /// Place of its figures in [`Progress::workers`].
     place: usize,
-}
-
-/// The passes so far.
-#[derive(Default)]
-pub(super) struct Passing {
-    /// The pass at hand.
-    at_hand: Outcome,
-    began: Duration,
-    kept: bool,
-    detail: Option<Pass>,
-    /// Of the last whole picture.
-    picture: Outcome,
-    /// Passes begun, and passes of those that are in the picture as a whole.
-    pub(super) begun: u32,
-    pub(super) whole: u32,
-    /// How closely the last whole picture was looked at; before there is one, the picture at hand.
-    pub(super) pass: Option<Pass>,
-    /// Whether time was up before the plan was done.
-    pub(super) timed_out: bool,
-}
-
-impl Passing {
-    /// The estimate of the picture as it is: what the pass at hand has not replaced is as it was before.
-    pub(super) fn error(&self) -> ErrorEstimate {
-        let (old, new) = (&self.picture, &self.at_hand);
-        if !self.kept || new.error.pixels == 0 || old.error.pixels <= new.error.pixels {
-            return if self.whole > 0 { old.error } else { new.error };
-        }
-        let mut sum = new.error;
-        for (region, error) in &old.tiles {
-            let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
-            let left = region.area() - covered.min(region.area());
-            if left > 0 {
-                let part = left as f64 / region.area() as f64;
-                let share = |sum: Sum| Sum::new(part * sum.value());
-                sum += ErrorEstimate {
-                    pixels: left,
-                    expected: share(error.expected),
-                    audited: (part * error.audited as f64).round() as u64,
-                    squares: share(error.squares),
-                    variance: share(error.variance),
-                };
-            }
-        }
-        sum
-    }
-
-    /// What other errors would take, where the last whole picture tells.
-    pub(super) fn forecast(&self) -> Option<Forecast> {
-        match self.pass?.detail {
-            Detail::Within(tolerance) if self.whole > 0 => {
-                Some(Forecast::new(&self.picture.error, tolerance, self.picture.took))
-            }
-            _ => None,
-        }
-    }
-}
-
-/// Pixels that two regions share.
-fn common(a: &Region, b: &Region) -> u64 {
-    let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| u64::from(a1.min(b1).saturating_sub(a0.max(b0)));
-    overlap(a.x0, a.x1, b.x0, b.x1) * overlap(a.y0, a.y1, b.y0, b.y1)
 }
 
 /// See the [module](self).

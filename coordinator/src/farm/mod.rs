@@ -3,6 +3,7 @@
 mod driver;
 mod incoming;
 mod pace;
+mod passing;
 mod service;
 mod stitch;
 mod timing;

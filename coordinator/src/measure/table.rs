@@ -113,10 +113,10 @@ impl Measured {
         let numbers = if self.clamped { "linear numbers, clamped to [0, 1]" } else { "linear numbers" };
         let _ = writeln!(
             text,
-            "seconds: of tracing, median; ±: half its spread; gain: times as quick as the quickest\n\
-             --samples of the same error; quality: the best one that the error reaches; rays/px:\n\
-             camera rays a pixel; RMSE: measured, and as told by the render itself, in 8-bit\n\
-             steps of {numbers}.\n\
+            "seconds: of tracing, median; ±: half their spread; gain: times as quick as the\n\
+             quickest --samples of the same error; quality: the best one that it reaches;\n\
+             rays/px: camera rays a pixel; RMSE: measured, and as told by the render itself,\n\
+             in 8-bit steps of {numbers}.\n\
              * Pareto front: nothing here is quicker and closer   > recommended"
         );
         if self.points.iter().any(|p| p.beyond_reference) {
@@ -130,7 +130,7 @@ impl Measured {
         let target = self.target;
         match self.recommended() {
             Some(p) => format!(
-                "for an RMSE of at most {target}, the cheapest is {}: {} in {} s\n\n  {}\n",
+                "for an RMSE of at most {target}, the quickest is {}: {} in {} s\n\n  {}\n",
                 p.flags.join(" "),
                 figure(p.metrics.rmse_steps()),
                 figure(p.trace.as_secs_f64()),

@@ -86,7 +86,9 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> Result<()> {
     std::fs::create_dir_all(&args.references)?;
-    println!("| scene | to an RMSE of 2, 1, 0.5, 0.25: seconds (of uniform sampling's) | rays/s | true ÷ told | POV-Ray |");
+    println!(
+        "| scene | to an RMSE of 2, 1, 0.5, 0.25: seconds (of uniform sampling's) | rays/s | true ÷ told | POV-Ray |"
+    );
     println!("| --- | --- | --- | --- | --- |");
     for path in &args.scenes {
         println!("{}", measure(args, path)?);
