@@ -140,7 +140,8 @@ pub(crate) fn triangle(v: &[DVec3; 3], lens: &Lens, tile: &Tile) -> (Cover, Opti
     }
     let sign = volume.signum();
     // Corners are rounded in local space.
-    let size = |m: Linear, x: DVec3, y: DVec3| Linear { size: m.size + x.length() * y.length() * dlen(lens, tile), ..m };
+    let size =
+        |m: Linear, x: DVec3, y: DVec3| Linear { size: m.size + x.length() * y.length() * dlen(lens, tile), ..m };
     let edges = [
         size(lens.along(ab, tile).times(sign), a, b),
         size(lens.along(bc, tile).times(sign), b, c),
@@ -208,11 +209,7 @@ pub(crate) fn plane(plane: &LocalPlane, lens: &Lens, tile: &Tile) -> Cover {
     let mut w = lens.along(n, tile).times(1.0 / g);
     w.size *= 1.0 + size / g.abs();
     let spread = w.spread();
-    Cover {
-        touched: pixels_above(&w, tile, -spread),
-        covered: pixels_above(&w, tile, spread),
-        depth: Depth::Flat(w),
-    }
+    Cover { touched: pixels_above(&w, tile, -spread), covered: pixels_above(&w, tile, spread), depth: Depth::Flat(w) }
 }
 
 /// A sphere.

@@ -72,7 +72,7 @@ impl Lens {
 
     /// The points of the plane n · P = h that this lens sees, as seen from `light`; the inverse distance of the
     /// plane itself is then |n · direction| of this lens.
-    pub(crate) fn from_light(&self, light: DVec3, n: DVec3, h: f64) -> Self {
+    pub(crate) fn lit_from(&self, light: DVec3, n: DVec3, h: f64) -> Self {
         let g = h - n.dot(self.apex);
         let to = self.apex - light;
         let turn = |v: DVec3| (to * n.dot(v) + v * g) * g.signum();

@@ -260,7 +260,9 @@ impl Refinement<'_> {
         let mut composites: Vec<Composite> = first.composites.iter().filter(|c| inside(c.at)).cloned().collect();
         composites.iter_mut().for_each(|c| c.among(first.pooled(c.at)));
         let mut apart = vec![false; pixels.len()];
-        composites.iter().for_each(|c| apart[((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize] = true);
+        composites
+            .iter()
+            .for_each(|c| apart[((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize] = true);
         let mut active = Vec::new();
         packets(block.width(), block.height(), |i, j| {
             let at = j * block.width() + i;

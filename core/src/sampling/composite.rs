@@ -77,8 +77,7 @@ impl Composite {
             }
             (false, _) => ZONE,
         };
-        let mut wanted: Vec<u32> =
-            self.parts.iter().map(|p| more(&p.mean, p.polygon.area(), first(p))).collect();
+        let mut wanted: Vec<u32> = self.parts.iter().map(|p| more(&p.mean, p.polygon.area(), first(p))).collect();
         wanted.push(more(&self.rest, 1.0, REST));
         wanted
     }

@@ -130,6 +130,12 @@ impl Pixel {
     pub(crate) fn doublings(&self, rule: &Rule, area: f64) -> u32 {
         let most = f64::from(MOST / self.next.max(1));
         let growth = (rule.points(self.kappa * area * area) / f64::from(self.points.max(1))).min(most);
-        if growth < MODEL.least_growth { 0 } else if growth < 3.0 { 1 } else { 2 }
+        if growth < MODEL.least_growth {
+            0
+        } else if growth < 3.0 {
+            1
+        } else {
+            2
+        }
     }
 }

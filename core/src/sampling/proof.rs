@@ -15,9 +15,9 @@ use crate::scene::Pigment;
 use crate::simd::{Kernel, Simd};
 use crate::trace::{PlanePoint, Tracer};
 
+use super::shadows::{Group, Receiver};
 use super::sheet;
 use super::strata::Shapes;
-use super::shadows::{Group, Receiver};
 
 /// Objects that a tile is proven among, at most; where there are more, it is left open.
 const MOST: usize = 48;
@@ -270,7 +270,11 @@ impl<'a> View<'a> {
         let albedo = self.tracer.material(ObjectId(c.id)).albedo.max_element();
         let lights = self.tracer.prepared().local.lights.iter();
         albedo
-            * lights.map(|l| *l - middle).map(|l| (n.dot(l) / l.length()).max(0.0)).filter(|c| c.is_finite()).sum::<f64>()
+            * lights
+                .map(|l| *l - middle)
+                .map(|l| (n.dot(l) / l.length()).max(0.0))
+                .filter(|c| c.is_finite())
+                .sum::<f64>()
     }
 
     /// Adds what is not proven of the light that a group of surfaces sends on.
@@ -326,8 +330,8 @@ impl<'a> View<'a> {
                     for k in 0..8 {
                         // A pixel's width on the sphere, were it seen from above; and how far away it slopes.
                         let wide = scale / lo[k];
-                        let deep = (1.0 / lo[k] - 1.0 / hi[k])
-                            * self.lens.direction(self.tile.x[k], self.tile.y[j]).length();
+                        let deep =
+                            (1.0 / lo[k] - 1.0 / hi[k]) * self.lens.direction(self.tile.x[k], self.tile.y[j]).length();
                         curved |= u64::from(!(wide + deep < turn * r)) << (8 * j + k);
                     }
                 }
@@ -363,12 +367,7 @@ impl<'a> View<'a> {
 
 /// What object `id` is to a tile under a lens.
 #[inline(always)]
-pub(super) fn object(
-    tracer: &Tracer,
-    id: u32,
-    lens: &Lens,
-    tile: &Tile,
-) -> (Cover, Option<([DVec3; 3], Outline)>) {
+pub(super) fn object(tracer: &Tracer, id: u32, lens: &Lens, tile: &Tile) -> (Cover, Option<([DVec3; 3], Outline)>) {
     let prepared = tracer.prepared();
     match kind(&prepared.scene, ObjectId(id)) {
         Kind::Plane(i) => (cover::plane(&prepared.local.planes[i], lens, tile), None),

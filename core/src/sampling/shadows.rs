@@ -211,13 +211,7 @@ impl View<'_> {
 
     /// What may stand between `light` and any point of the surface that is seen.
     #[inline(always)]
-    fn between(
-        &self,
-        surface: &Surface,
-        hull: &[DVec3; 8],
-        light: DVec3,
-        blockers: &[Blocker],
-    ) -> Between {
+    fn between(&self, surface: &Surface, hull: &[DVec3; 8], light: DVec3, blockers: &[Blocker]) -> Between {
         let prepared = self.tracer.prepared();
         let receiver = &surface.receiver;
         for (i, plane) in prepared.local.planes.iter().enumerate() {
@@ -228,8 +222,10 @@ impl View<'_> {
             let side = |p: DVec3| n.dot(p) - h;
             let size = MARGIN * (h.abs() + light.length() + hull[0].length() + hull[6].length());
             let (of_light, slack) = (side(light), 1e3 * size);
-            let (least, most) =
-                hull.iter().map(|p| side(*p)).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), s| (a.min(s), b.max(s)));
+            let (least, most) = hull
+                .iter()
+                .map(|p| side(*p))
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), s| (a.min(s), b.max(s)));
             if (of_light >= -slack && least >= -slack) || (of_light <= slack && most <= slack) {
                 continue;
             }
@@ -249,15 +245,8 @@ impl View<'_> {
 
     /// Pixels of a flat receiver that the shadow of one of `blockers` touches and none covers.
     #[inline(always)]
-    fn edges(
-        &self,
-        receiver: &Receiver,
-        flat: Flat,
-        light: DVec3,
-        blockers: &[u32],
-        shapes: &mut Shapes,
-    ) -> Pixels {
-        let lens = self.lens.from_light(light, flat.n, flat.h);
+    fn edges(&self, receiver: &Receiver, flat: Flat, light: DVec3, blockers: &[u32], shapes: &mut Shapes) -> Pixels {
+        let lens = self.lens.lit_from(light, flat.n, flat.h);
         let own = self.lens.along(flat.n, self.tile);
         let (mut touched, mut covered) = (0, 0);
         for &id in blockers {
@@ -310,7 +299,12 @@ enum Body {
     Ball(DVec3, f64),
     /// A normal towards the light, the corners' greatest distance from the origin, and what a product with the
     /// normal may be below 0 by rounding; negative infinity where the light's side is not sure.
-    Triangle { v: [DVec3; 3], n: DVec3, size: f64, slack: f64 },
+    Triangle {
+        v: [DVec3; 3],
+        n: DVec3,
+        size: f64,
+        slack: f64,
+    },
 }
 
 impl Blocker {

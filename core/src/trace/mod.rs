@@ -34,8 +34,8 @@ use crate::settings::{AuditRate, Detail, Pass, Sampling, Settings};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 use texture::{Mapping, Texels};
-pub(crate) use wave::WaveScratch;
 use wave::Wave;
+pub(crate) use wave::WaveScratch;
 
 /// Rays traced, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -400,9 +400,7 @@ impl Tracer {
 
 /// `region` cut into strips of so many rows.
 fn strips(region: Region, rows: u32) -> impl Iterator<Item = Region> {
-    (region.y0..region.y1)
-        .step_by(rows as usize)
-        .map(move |y0| Region { y0, y1: region.y1.min(y0 + rows), ..region })
+    (region.y0..region.y1).step_by(rows as usize).map(move |y0| Region { y0, y1: region.y1.min(y0 + rows), ..region })
 }
 
 /// Memory of a thread that renders blocks.

@@ -178,13 +178,7 @@ impl Stage<'_> {
 
     /// The mirrored rays of all places that mirror.
     #[inline(always)]
-    pub(super) fn reflect<S: Simd>(
-        &self,
-        rays: &Rays,
-        places: &Places,
-        next: &mut Rays,
-        paths: &mut Paths,
-    ) {
+    pub(super) fn reflect<S: Simd>(&self, rays: &Rays, places: &Places, next: &mut Rays, paths: &mut Paths) {
         let step = paths.step;
         next.count = 0;
         if paths.trails.len() <= step {
