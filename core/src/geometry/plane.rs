@@ -1,6 +1,7 @@
 //! Ray against infinite plane.
 //!
-//! **Bound.** The unit normal is within 2u of the real one, the offset h within u·|h|. Then
+//! **Bound.** The unit normal is within 2u of the real one, the offset h within u·|h|; it is 0 where the plane
+//! passes through the origin, the eye, and only there. Then
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
 use super::real::{Real, V3};
@@ -29,6 +30,10 @@ pub(crate) fn distance<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> (R, R) {
 
 /// Where the ray meets the plane.
 pub(crate) fn test(ray: &Ray, plane: &LocalPlane) -> Option<Span> {
+    // From the eye, which is the origin, a plane through the eye is met at 0 alone, or nowhere.
+    if plane.h == 0.0 && ray.starts_at_origin() {
+        return None;
+    }
     let (t, e) = distance(ray, plane);
     if e < f64::INFINITY {
         return Span::around(t, e, false);

@@ -36,6 +36,13 @@ impl<R: Real> Ray<R> {
     }
 }
 
+impl Ray {
+    /// Whether the real start is surely the origin.
+    pub(crate) fn starts_at_origin(&self) -> bool {
+        self.eo <= TINY && self.o.norm1() == 0.0
+    }
+}
+
 /// Squares of lengths are trusted between these.
 pub(crate) const LEAST_SQUARE: f64 = 1e-270;
 const GREATEST_SQUARE: f64 = 1e300;

@@ -9,6 +9,7 @@ mod filter;
 mod packet;
 mod path;
 mod prepared;
+mod proof;
 mod query;
 pub(crate) mod record;
 mod shade;

@@ -94,7 +94,7 @@ impl Tracer {
                     refined = court.place(&case, decision, throughput, goes_on);
                 }
                 if let Some(Refined { hit: Some(hit), .. }) = &refined {
-                    uv = hit.coordinates(self);
+                    uv = hit.uv;
                 }
                 color *= self.picture_color(picture, uv, decision.id);
             }
@@ -112,7 +112,7 @@ impl Tracer {
                     let light = V3::splat(light);
                     let incidence = shade::incidence(&place, light);
                     let cosine = match &refined {
-                        Some(Refined { hit: Some(hit), .. }) => hit.cosine(scene.lights()[k]),
+                        Some(Refined { hit: Some(hit), .. }) => hit.cosines[k],
                         _ => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
@@ -214,7 +214,8 @@ impl Tracer {
     /// Whether the values at `place` may be too far from the real ones for a picture.
     pub(super) fn too_wide(&self, place: &Place, throughput: f64) -> bool {
         let lights = &self.prepared.local.lights;
-        let nearest = lights.iter().fold(f64::INFINITY, |d, &l| shade::nearer(d, place, V3::splat(l)));
+        let first = self.prepared.local.nearest_light_at_first();
+        let nearest = lights.iter().fold(first, |d, &l| shade::nearer(d, place, V3::splat(l)));
         !(shade::excess(place, nearest, throughput) <= 0.0)
     }
 }

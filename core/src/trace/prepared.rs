@@ -11,8 +11,8 @@ use super::filter::Filter;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Builder, Coordinate, Item, Wide};
 use crate::geometry::local::surface_and_order;
-use crate::geometry::{Aabb, Local, ObjectId, Ray, U, V3};
-use crate::precise::{Bound, Vector, zero_area};
+use crate::geometry::{Aabb, Local, ObjectId, Ray, TINY, U, V3};
+use crate::precise::{Vector, zero_area};
 use crate::scene::{Scene, Triangle};
 use crate::simd::roomy;
 
@@ -96,7 +96,9 @@ impl PreparedScene {
         let d = Vector::<FIRST>::new(direction);
         let d = d.scale(-d.exponent()).to_f64();
         let o = self.local.point(origin);
-        let ray = Ray::new(V3::splat(o), V3::splat(d), 2.0 * U * o.abs().element_sum(), 4.0 * U);
+        // Not exactly at the eye, even where it is rounded to there.
+        let eo = 2.0 * U * o.abs().element_sum() + TINY;
+        let ray = Ray::new(V3::splat(o), V3::splat(d), eo, 4.0 * U);
         let mut scratch = Scratch::default();
         let candidates: Vec<_> = match self.closest(&ray, None, &mut scratch) {
             Closest::Nothing => return None,
@@ -122,7 +124,7 @@ impl PreparedScene {
                 None => Ok(None),
             }
         };
-        let ray = ExactRay::new(origin, Vector::new(direction), Bound::ZERO);
+        let ray = ExactRay::new(origin, Vector::new(direction));
         ask(ray).or_else(|unsure| if N == LAST { ask(ray.taken_as_it_is()) } else { Err(unsure) })
     }
 
@@ -140,7 +142,7 @@ impl PreparedScene {
             Occluded::Yes => true,
             Occluded::Doubt => {
                 let d = Vector::new(to) - Vector::new(from);
-                let exact = ExactRay::<LAST>::new(from, d, Bound::ZERO);
+                let exact = ExactRay::<LAST>::new(from, d);
                 let ask = |ray| arbiter::occluded(self, &ray, scratch.candidates());
                 ask(exact).or_else(|Unsure| ask(exact.taken_as_it_is())).unwrap_or(false)
             }

@@ -87,13 +87,12 @@ impl Paths<'_, '_> {
     /// Puts what wide arithmetic knows of the cosines towards `light` at places `at` to `at` + 8.
     #[inline(never)]
     pub(super) fn wide_cosines(&self, places: &Places, at: usize, light: usize, cosines: &mut [f64; 8]) {
-        let light = self.tracer.prepared.scene.lights()[light];
         for (lane, cosine) in cosines.iter_mut().enumerate() {
             let refined = places.refined[at + lane] as usize;
             if refined != 0
                 && let Some(hit) = &self.refined_places[refined - 1].hit
             {
-                *cosine = hit.cosine(light);
+                *cosine = hit.cosines[light];
             }
         }
     }
@@ -201,8 +200,7 @@ impl Paths<'_, '_> {
         places.set(i, &refined.place);
         let material = tracer.material(met.id);
         if let (Pigment::Picture(picture), Some(hit)) = (material.pigment, &refined.hit) {
-            let uv = hit.coordinates(tracer);
-            let color = material.albedo * tracer.picture_color(picture, uv, met.id);
+            let color = material.albedo * tracer.picture_color(picture, hit.uv, met.id);
             for (to, x) in places.albedo.iter_mut().zip(color.to_array()) {
                 to[i] = x;
             }
