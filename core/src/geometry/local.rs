@@ -143,13 +143,13 @@ impl Local {
     /// A triangle's corners in local space, each within 2u·(largest corner) of the real ones.
     #[inline]
     pub(crate) fn triangle(&self, t: &Triangle) -> LocalTriangle {
+        // The same triangle is the same here in whatever form it was written.
+        if let Some(corners) = t.exact_corners() {
+            return LocalTriangle { v: corners.map(|v| V3::splat(self.point(v))) };
+        }
         let [a, b, c] = t.written;
         let a = self.point(a);
-        if t.by_sides() {
-            LocalTriangle { v: [a, a + self.scaled(b), a + self.scaled(c)].map(V3::splat) }
-        } else {
-            LocalTriangle { v: [a, self.point(b), self.point(c)].map(V3::splat) }
-        }
+        LocalTriangle { v: [a, a + self.scaled(b), a + self.scaled(c)].map(V3::splat) }
     }
 
     fn plane(&self, p: &Plane) -> LocalPlane<DoubleDouble> {
@@ -158,6 +158,11 @@ impl Local {
         let [x, y, z] = (n * length.reciprocal()).0.each_ref().map(DoubleDouble::nearest);
         let offset = plane_offset(p, self.origin, length).over(length);
         LocalPlane { n: V3 { x, y, z }, h: DoubleDouble::nearest(&offset.scale(-i64::from(self.power))) }
+    }
+
+    /// The `k`-th light to twice the digits; `None` where differences may overflow.
+    pub(crate) fn double_light(&self, scene: &Scene, k: usize) -> Option<V3<DoubleDouble>> {
+        (!self.quarters).then(|| self.double_point(scene.lights()[k]))
     }
 
     /// A world point in local space to twice the digits, where differences do not overflow.

@@ -238,11 +238,20 @@ impl Court {
 
     /// Which of `candidates` the path meets next.
     pub(crate) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Decision> {
+        let double = self.double.get_or_insert_with(|| DoublePath::new(case));
+        if let Some(answer) = double.closest(case, candidates) {
+            return answer;
+        }
         self.ask(case, &Closest(candidates)).flatten()
     }
 
-    /// Whether one of `candidates` stands between the point met and `light`.
-    pub(crate) fn occluded(&mut self, case: &Case<'_>, met: Decision, light: DVec3, candidates: &[ObjectId]) -> bool {
+    /// Whether one of `candidates` stands between the point met and the `light`-th light.
+    pub(crate) fn occluded(&mut self, case: &Case<'_>, met: Decision, light: usize, candidates: &[ObjectId]) -> bool {
+        let double = self.double.get_or_insert_with(|| DoublePath::new(case));
+        if let Some(answer) = double.occluded(case, met, light, candidates) {
+            return answer;
+        }
+        let light = case.tracer.prepared.scene.lights()[light];
         self.ask(case, &Occluded { met, light, candidates }).unwrap_or(false)
     }
 

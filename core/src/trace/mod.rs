@@ -3,6 +3,7 @@
 pub(crate) mod arbiter;
 mod camera;
 mod condition;
+mod coplanar;
 mod court;
 mod double;
 mod filter;
@@ -23,6 +24,7 @@ use rayon::prelude::*;
 
 pub use camera::PlanePoint;
 pub use condition::Condition;
+pub use coplanar::SharedPlanes;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::transfer::to_linear;

@@ -123,14 +123,14 @@ impl Tracer {
                     }
                     counts.shadow += 1;
                     let shadow = shade::towards(&place, light, incidence.l);
-                    let blocked = match self.prepared.occluded(&shadow, Some(decision), query) {
+                    let blocked = match self.prepared.occluded(&shadow, Some(decision), Some(k), query) {
                         Occluded::No => false,
                         Occluded::Yes => true,
                         Occluded::Doubt if !refines => query.likely_occluded(),
                         Occluded::Doubt => {
                             counts.refined += 1;
                             let candidates: Vec<_> = query.candidates().collect();
-                            court.occluded(&case, decision, scene.lights()[k], &candidates)
+                            court.occluded(&case, decision, k, &candidates)
                         }
                     };
                     if blocked && let Some((record, path)) = &mut record {

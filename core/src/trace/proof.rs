@@ -28,17 +28,17 @@ fn lowest_bit(x: f64) -> Option<i64> {
 }
 
 /// k such that all of `numbers` times 2^k are integers, and no less than that takes.
-fn to_integers(numbers: impl IntoIterator<Item = f64>) -> i64 {
+pub(super) fn to_integers(numbers: impl IntoIterator<Item = f64>) -> i64 {
     -numbers.into_iter().filter_map(lowest_bit).min().unwrap_or(0)
 }
 
 /// `v` times a power of two, as integers.
-fn direction<const N: usize>(v: DVec3) -> Balls<N> {
+pub(super) fn direction<const N: usize>(v: DVec3) -> Balls<N> {
     Balls::scaled(v, to_integers(v.to_array()))
 }
 
 /// The lengths of object `id`.
-fn lengths(scene: &Scene, id: ObjectId) -> impl Iterator<Item = f64> {
+pub(super) fn lengths(scene: &Scene, id: ObjectId) -> impl Iterator<Item = f64> {
     let none = DVec3::ZERO;
     let (a, b, c, x) = match kind(scene, id) {
         Kind::Plane(i) => match scene.planes()[i].position {

@@ -168,8 +168,11 @@ impl Paths<'_, '_> {
         let ray = places.segment(i, self.tracer, light);
         let met = Decision::of(places.met[i]);
         let occluded = match candidates {
-            Some(ids) => prepared.occluded_among(&ray, met, ids.map(|id| ObjectId(id & !INSIDE)), self.query),
-            None => prepared.occluded(&ray, met, self.query),
+            Some(ids) => {
+                let ids = ids.map(|id| ObjectId(id & !INSIDE));
+                prepared.occluded_among(&ray, met, Some(light), ids, self.query)
+            }
+            None => prepared.occluded(&ray, met, Some(light), self.query),
         };
         match (occluded, met) {
             (Occluded::No, _) | (_, None) => false,
@@ -177,7 +180,6 @@ impl Paths<'_, '_> {
             (Occluded::Doubt, _) if self.tracer.refinement == Refinement::Off => self.query.likely_occluded(),
             (Occluded::Doubt, Some(met)) => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                let light = prepared.scene.lights()[light];
                 self.ask(rays.path[i] as usize, |court, case| court.occluded(case, met, light, &candidates))
             }
         }
