@@ -33,6 +33,8 @@ pub(crate) struct Coplanar {
     /// What is known of each plane and each triangle; 0 where nothing is.
     facts: Vec<AtomicU32>,
     known: Mutex<Known>,
+    /// By light, the infinite planes that hold it; shorter where there are none.
+    planes: Vec<Vec<u32>>,
 }
 
 #[derive(Debug, Default)]
@@ -45,9 +47,18 @@ struct Known {
 }
 
 impl Coplanar {
-    pub(crate) fn new(scene: &Scene) -> Self {
+    pub(crate) fn new(scene: &Scene, local: &Local) -> Self {
         let flat = scene.planes().len() + scene.triangles().len();
-        Self { facts: (0..flat).map(|_| AtomicU32::new(0)).collect(), known: Mutex::default() }
+        let mut planes = Vec::new();
+        for i in 0..scene.planes().len() as u32 {
+            for (k, (&light, &at)) in scene.lights().iter().zip(&local.lights).enumerate() {
+                if !is_clearly_off(local, scene, ObjectId(i), at) && holds(scene, ObjectId(i), light) {
+                    planes.resize_with(planes.len().max(k + 1), Vec::new);
+                    planes[k].push(i);
+                }
+            }
+        }
+        Self { facts: (0..flat).map(|_| AtomicU32::new(0)).collect(), known: Mutex::default(), planes }
     }
 }
 
@@ -104,6 +115,11 @@ impl PreparedScene {
         let number = |id| self.plane_of(id).map(|facts| facts & NUMBER);
         // Of planes beyond all numbers nothing is known.
         number(a).is_some_and(|n| n != NUMBER && number(b) == Some(n))
+    }
+
+    /// The infinite planes that hold the `light`-th light.
+    pub(crate) fn planes_with_light(&self, light: usize) -> &[u32] {
+        self.coplanar.planes.get(light).map_or(&[], |planes| planes)
     }
 
     /// Whether the eye is in the plane of `id`.

@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
 use super::double::DoublePath;
-use super::proof::Proof;
+use super::proof::{Point, Proof};
 use super::shade::Place;
 use super::{Tracer, texture};
 use crate::geometry::{ObjectId, V3};
@@ -136,24 +136,32 @@ pub(crate) struct Values {
 }
 
 impl Hit {
-    /// What is seen at `hit`, met along `d`. `is_at` says whether the point is that of a light, if it can.
+    /// What is seen at `hit`, met along `d`; `proof` knows exact events there.
     fn seen<const N: usize>(
         &self,
         case: &Case<'_>,
         hit: &ExactHit<N>,
         d: &Vector<N>,
-        is_at: impl Fn(DVec3) -> Result<bool, Unsure>,
+        proof: Option<(&Proof<'_, N>, &Point<N>)>,
     ) -> Result<Refined, Unsure> {
         let tracer = case.tracer;
         let scene = &tracer.prepared.scene;
         let (p, n) = (hit.to_local(&tracer.prepared.local, scene)?, hit.normal()?);
+        let is_at = |light| proof.map_or(Err(Unsure), |(proof, point)| proof.is_at(point, light));
         let cosine = |&light: &DVec3| match hit.cosine(light) {
             Err(Unsure) if is_at(light)? => Ok(0.0),
             known => known,
         };
         let cosines = scene.lights().iter().map(cosine).collect::<Result<_, _>>()?;
         let pictured = tracer.is_pictured(self.met.id.0);
-        let uv = if pictured { texture::exact_coordinates(scene, &tracer.mappings, hit)? } else { DVec2::ZERO };
+        let uv = match pictured.then(|| texture::exact_coordinates(scene, &tracer.mappings, hit)) {
+            Some(Err(Unsure)) => {
+                let (proof, point) = proof.ok_or(Unsure)?;
+                texture::pole(proof.at_pole(point, self.met)?)
+            }
+            Some(Ok(uv)) => uv,
+            None => DVec2::ZERO,
+        };
         let mirrored = if self.mirrored { hit.mirrored(d)? } else { DVec3::ZERO };
         let place = Place::rounded(V3::splat(p), V3::splat(n));
         Ok(Refined { place, mirrored, hit: Some(Values { cosines, uv }) })
@@ -164,12 +172,12 @@ impl Question for Hit {
     type Answer = Refined;
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Refined, Unsure> {
         let (hit, ray) = path.hit(case, self.met)?;
-        self.seen(case, hit, &ray.d, |_| Err(Unsure))
+        self.seen(case, hit, &ray.d, None)
     }
     fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Refined, Unsure> {
         let mut proof = Proof::<N>::new(case, &[self.met.id], case.tracer.prepared.scene.lights())?;
         let (hit, d, point) = proof.hit(self.met)?;
-        self.seen(case, &hit, &d, |light| proof.is_at(&point, light))
+        self.seen(case, &hit, &d, Some((&proof, &point)))
     }
 }
 

@@ -28,6 +28,8 @@ const SINGLE: f64 = U32 as f64 / 4.0;
 pub(crate) struct FlatPlane {
     pub(crate) n: [f32; 3],
     pub(crate) h: f32,
+    /// Whether it passes exactly through the eye, from where it is not seen then.
+    pub(crate) through_eye: bool,
 }
 
 /// What packets meet.
@@ -88,7 +90,11 @@ impl Filter {
             let [x, y, z] = single(s.c);
             [x, y, z, s.r as f32, reach, f32::from_tag(id)]
         };
-        let plane = |p: &crate::geometry::plane::LocalPlane| FlatPlane { n: single(p.n), h: p.h as f32 };
+        let plane = |p: &crate::geometry::plane::LocalPlane| FlatPlane {
+            n: single(p.n),
+            h: p.h as f32,
+            through_eye: p.h == 0.0,
+        };
         let planes: Vec<_> = local.planes.iter().map(plane).collect();
         // Planes and lights beyond what f32 can square need f64 throughout.
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);

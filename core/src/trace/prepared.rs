@@ -6,9 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{self, ExactPlanes, ExactRay, FIRST, LAST, Unsure};
+use super::arbiter::{ExactPlanes, FIRST};
 use super::coplanar::Coplanar;
 use super::filter::Filter;
+use super::proof;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Builder, Coordinate, Item, Wide};
 use crate::geometry::local::{Kind, kind, surface_and_order};
@@ -55,7 +56,7 @@ impl PreparedScene {
         let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
         let filter = Filter::new(&scene, &local, &boxes);
         let exact_planes = scene.planes().iter().map(ExactPlanes::new).collect();
-        let coplanar = Coplanar::new(&scene);
+        let coplanar = Coplanar::new(&scene, &local);
         Self { scene, local, boxes, filter, exact_planes, coplanar, outgrown, flat }
     }
 
@@ -102,27 +103,8 @@ impl PreparedScene {
             Closest::Sure(decision) => vec![decision.id],
             Closest::Doubt => scratch.candidates().collect(),
         };
-        let (id, t) = self
-            .exactly::<FIRST>(origin, direction, &candidates)
-            .or_else(|Unsure| self.exactly::<LAST>(origin, direction, &candidates))
-            .ok()??;
+        let (id, t) = proof::closest_hit(&self.scene, origin, direction, &candidates)??;
         Some(RayHit { order: surface_and_order(&self.scene, id).1, t })
-    }
-
-    fn exactly<const N: usize>(
-        &self,
-        origin: DVec3,
-        direction: DVec3,
-        candidates: &[ObjectId],
-    ) -> Result<Option<(ObjectId, f64)>, Unsure> {
-        let ask = |ray: ExactRay<N>| -> Result<Option<(ObjectId, f64)>, Unsure> {
-            match arbiter::closest(self, &ray, candidates.iter().copied())? {
-                Some((decision, distance)) => Ok(Some((decision.id, distance.to_f64()?))),
-                None => Ok(None),
-            }
-        };
-        let ray = ExactRay::new(origin, Vector::new(direction));
-        ask(ray).or_else(|unsure| if N == LAST { ask(ray.taken_as_it_is()) } else { Err(unsure) })
     }
 
     /// Whether an object meets the open segment between two points of world space, exactly.
@@ -138,10 +120,8 @@ impl PreparedScene {
             Occluded::No => false,
             Occluded::Yes => true,
             Occluded::Doubt => {
-                let d = Vector::new(to) - Vector::new(from);
-                let exact = ExactRay::<LAST>::new(from, d);
-                let ask = |ray| arbiter::occluded(self, &ray, scratch.candidates());
-                ask(exact).or_else(|Unsure| ask(exact.taken_as_it_is())).unwrap_or(false)
+                let candidates: Vec<_> = scratch.candidates().collect();
+                proof::is_between(&self.scene, [from, to], &candidates).unwrap_or(false)
             }
         }
     }

@@ -79,10 +79,11 @@ struct Line<const N: usize> {
     from: Option<Decision>,
 }
 
-/// A point X/w.
+/// A point X/w, and the normal there.
 pub(super) struct Point<const N: usize> {
     x: Balls<N>,
     w: Ball<N>,
+    n: Balls<N>,
 }
 
 /// A point X/w of a surface, and a normal there of the square nn: outward or upward, not turned to the ray.
@@ -141,8 +142,28 @@ impl<'a, const N: usize> Proof<'a, N> {
         Ok(proof)
     }
 
+    /// The ray from `origin` to `to`, or along that direction, to be asked about `others`; both end at 1.
+    fn of_ray(scene: &'a Scene, origin: DVec3, to: To, others: &[ObjectId]) -> Self {
+        let end = if let To::Point(p) = to { p } else { DVec3::ZERO };
+        let points = [origin, end].into_iter().flat_map(|v| v.to_array());
+        let mut scale = to_integers(others.iter().flat_map(|&id| lengths(scene, id)).chain(points));
+        let d = match to {
+            To::Point(p) => Balls::scaled(p, scale) - Balls::scaled(origin, scale),
+            To::Direction(d) => {
+                scale = scale.max(to_integers(d.to_array()));
+                Balls::scaled(d, scale)
+            }
+        };
+        let line = Line { x: Balls::scaled(origin, scale), w: Ball::integer(1.0), d, from: None };
+        Self { scene, scale, roots: Roots::default(), line }
+    }
+
     /// Which of `candidates` the line meets first; equal distances go to the first in the document.
     pub(super) fn closest(&mut self, candidates: &[ObjectId]) -> Result<Option<Decision>, Unsure> {
+        Ok(self.first(candidates)?.map(|(_, decision)| decision))
+    }
+
+    fn first(&mut self, candidates: &[ObjectId]) -> Result<Option<(Along<N>, Decision)>, Unsure> {
         let mut best: Option<(Along<N>, Decision, u32)> = None;
         for &id in candidates {
             let Some((along, inside)) = self.meet(id)? else { continue };
@@ -155,7 +176,7 @@ impl<'a, const N: usize> Proof<'a, N> {
                 best = Some((along, Decision { id, inside }, order));
             }
         }
-        Ok(best.map(|(_, decision, _)| decision))
+        Ok(best.map(|(along, decision, _)| (along, decision)))
     }
 
     /// Whether one of `candidates` stands between the point of `met` and `light`.
@@ -163,6 +184,11 @@ impl<'a, const N: usize> Proof<'a, N> {
         let spot = self.spot(met)?;
         let d = Balls::scaled(light, self.scale) * spot.w - spot.x;
         self.line = Line { x: spot.x, w: spot.w, d, from: Some(met) };
+        self.blocked(candidates)
+    }
+
+    /// Whether one of `candidates` stands on the line before 1.
+    fn blocked(&mut self, candidates: &[ObjectId]) -> Result<bool, Unsure> {
         let light = Along { num: Ball::integer(1.0), den: Ball::integer(1.0) };
         let mut open = false;
         for &id in candidates {
@@ -186,6 +212,18 @@ impl<'a, const N: usize> Proof<'a, N> {
         Ok(true)
     }
 
+    /// At which pole of the sphere of `met` the point is: 1, or −1 for the one across; unsure elsewhere.
+    pub(super) fn at_pole(&self, point: &Point<N>, met: Decision) -> Result<i32, Unsure> {
+        let Kind::Sphere(i) = kind(self.scene, met.id) else { return Err(Unsure) };
+        let pole = direction(self.scene.orientation(i as u32).ok_or(Unsure)?.pole);
+        for c in point.n.cross(&pole).0 {
+            if c.sign()? != 0 {
+                return Err(Unsure);
+            }
+        }
+        point.n.dot(&pole).sign()
+    }
+
     /// The point where the line meets `met`: in world space, with the line's direction, and as it is.
     pub(super) fn hit(&mut self, met: Decision) -> Result<(ExactHit<N>, Vector<N>, Point<N>), Unsure> {
         let spot = self.spot(met)?;
@@ -206,7 +244,7 @@ impl<'a, const N: usize> Proof<'a, N> {
         let p = Vector(p.0.map(|x| x.over(w).scale(shrink)));
         let place = error.scale(shrink + 1);
         let hit = ExactHit::known(p, place, (n, Bound::power(-76)), back, spot.turned, met);
-        Ok((hit, d, Point { x: spot.x, w: spot.w }))
+        Ok((hit, d, Point { x: spot.x, w: spot.w, n: spot.n }))
     }
 
     fn flat(&mut self, id: ObjectId) -> Flat<N> {
@@ -338,6 +376,74 @@ impl<'a, const N: usize> Proof<'a, N> {
         let n = x - Balls::scaled(sphere.center, self.scale) * w;
         Ok(Spot { x, w, n, nn: r * r, turned: met.inside, decision: met })
     }
+}
+
+/// Where a ray goes.
+#[derive(Clone, Copy)]
+enum To {
+    Point(DVec3),
+    Direction(DVec3),
+}
+
+/// A question whose answer is proven in numbers of some width.
+trait Proving {
+    type Answer;
+    fn prove<const N: usize>(&self) -> Result<Self::Answer, Unsure>;
+}
+
+/// The answer in the narrowest numbers that know it.
+fn prove<P: Proving>(question: &P) -> Option<P::Answer> {
+    let narrow = question.prove::<8>().or_else(|Unsure| question.prove::<32>());
+    narrow.or_else(|Unsure| question.prove::<128>()).or_else(|Unsure| question.prove::<512>()).ok()
+}
+
+/// What a ray meets first, among some objects.
+struct First<'a> {
+    scene: &'a Scene,
+    origin: DVec3,
+    direction: DVec3,
+    candidates: &'a [ObjectId],
+}
+
+impl Proving for First<'_> {
+    type Answer = Option<(ObjectId, f64)>;
+    fn prove<const N: usize>(&self) -> Result<Self::Answer, Unsure> {
+        let mut proof = Proof::<N>::of_ray(self.scene, self.origin, To::Direction(self.direction), self.candidates);
+        let Some((Along { num, den }, met)) = proof.first(self.candidates)? else { return Ok(None) };
+        let known = num.is_known_to(60) && den.is_known_to(60);
+        if known { Ok(Some((met.id, num.mid().over(*den.mid()).to_f64()))) } else { Err(Unsure) }
+    }
+}
+
+/// Which of `candidates` the ray from `origin` along `direction` meets first, and where; `None` where it is
+/// not found out.
+pub(super) fn closest_hit(
+    scene: &Scene,
+    origin: DVec3,
+    direction: DVec3,
+    candidates: &[ObjectId],
+) -> Option<Option<(ObjectId, f64)>> {
+    prove(&First { scene, origin, direction, candidates })
+}
+
+/// Whether one of some objects meets the open segment between two points.
+struct Between<'a> {
+    scene: &'a Scene,
+    ends: [DVec3; 2],
+    candidates: &'a [ObjectId],
+}
+
+impl Proving for Between<'_> {
+    type Answer = bool;
+    fn prove<const N: usize>(&self) -> Result<bool, Unsure> {
+        let [from, to] = self.ends;
+        Proof::<N>::of_ray(self.scene, from, To::Point(to), self.candidates).blocked(self.candidates)
+    }
+}
+
+/// Whether one of `candidates` meets the open segment between two points; `None` where it is not found out.
+pub(super) fn is_between(scene: &Scene, ends: [DVec3; 2], candidates: &[ObjectId]) -> Option<bool> {
+    prove(&Between { scene, ends, candidates })
 }
 
 impl<const N: usize> Flat<N> {

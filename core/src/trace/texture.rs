@@ -100,6 +100,11 @@ fn globe(x: f64, y: f64, z: f64, sine: f64) -> DVec2 {
     DVec2::new(u, 1.0 - angle / std::f64::consts::PI)
 }
 
+/// (u, v) at a pole of a sphere: the one that `pole` names, or the other where that is negative.
+pub(crate) fn pole(pole: i32) -> DVec2 {
+    globe(0.0, 0.0, f64::from(pole), 0.0)
+}
+
 /// x − ⌊x⌋ in [0, 1).
 fn fraction(x: f64) -> f64 {
     let f = x - x.floor();
