@@ -157,7 +157,12 @@ impl Local {
         let length = n.length();
         let [x, y, z] = (n * length.reciprocal()).0.each_ref().map(DoubleDouble::nearest);
         let offset = plane_offset(p, self.origin, length).over(length);
-        LocalPlane { n: V3 { x, y, z }, h: DoubleDouble::nearest(&offset.scale(-i64::from(self.power))) }
+        let mut h = DoubleDouble::nearest(&offset.scale(-i64::from(self.power)));
+        if h.hi == 0.0 && !offset.is_zero() {
+            // 0 is kept for planes through the eye; bounds allow for as little as this.
+            h = DoubleDouble { hi: f64::MIN_POSITIVE * f64::from(offset.signum()), lo: 0.0 };
+        }
+        LocalPlane { n: V3 { x, y, z }, h }
     }
 
     /// The `k`-th light to twice the digits; `None` where differences may overflow.

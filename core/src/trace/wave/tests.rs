@@ -38,10 +38,12 @@ fn scene(shape: Shape) -> Option<Scene> {
     b.finish().ok()
 }
 
-/// What the packets of a level make of rays from the origin's side: what each meets first, and what is in doubt.
+/// What the packets of a level make of rays: what each meets first, and what is in doubt.
 struct Walked<'a> {
     tracer: &'a Tracer,
     rays: &'a [(DVec3, DVec3)],
+    /// An object that none of the rays is aimed at.
+    other: u32,
 }
 
 /// For each ray, what f32 says: nothing where it leaves the ray to f64.
@@ -63,7 +65,9 @@ impl Kernel for Walked<'_> {
             for k in 0..3 {
                 (rays.o[k][i], rays.d[k][i]) = (o[k], d[k]);
             }
-            (rays.eo[i], rays.ed[i], rays.own[i]) = (0.0, 0.0, NONE);
+            // Only rays from the eye start on nothing.
+            let own = if *o == DVec3::ZERO { NONE } else { self.other };
+            (rays.eo[i], rays.ed[i], rays.own[i]) = (0.0, 0.0, own);
         }
         let mut said = Said::new();
         for at in (0..n).step_by(LANES) {
@@ -140,7 +144,7 @@ fn holds(shape: Shape, rays: &[(DVec3, DVec3)]) -> Result<(), TestCaseError> {
     let scaled: Vec<_> = rays.iter().map(|&(o, d)| (local(o), local(d))).collect();
     let exact: Vec<_> = rays.iter().map(|&(o, d)| proof::closest_hit(&prepared.scene, o, d, &[id])).collect();
     for level in Level::all() {
-        let said = dispatch(level, Walked { tracer: &tracer, rays: &scaled });
+        let said = dispatch(level, Walked { tracer: &tracer, rays: &scaled, other: 1 - id.0 });
         for ((ray, said), exact) in rays.iter().zip(said).zip(&exact) {
             let (Some((best, doubts)), Some(exact)) = (said, exact) else { continue };
             let (met, named) = (best & !INSIDE == id.0, doubts.contains(&id.0));
