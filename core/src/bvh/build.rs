@@ -3,6 +3,8 @@
 //! A node's run of items is cut in two, then the largest run that can be cut, until there are
 //! eight or none can be.
 
+use std::cmp::Ordering;
+
 use rayon::prelude::*;
 
 use super::coordinate::{Coordinate, Quad};
@@ -21,6 +23,9 @@ const AHEAD: usize = ALONE / 8;
 /// Cuts after which runs are halved by count: very uneven scenes could make a tree as deep as it
 /// has items.
 const DEEP: u32 = 60;
+
+/// Of items in one box, so many are held against each other.
+const ALIKE: usize = 64;
 
 /// What is built of all items alike.
 pub(crate) struct Builder<'a> {
@@ -71,7 +76,7 @@ impl<'a> Builder<'a> {
         self.cut_ahead(items, &mut root);
         let Some(runs) = self.divide(items, 0, &mut root) else {
             let mut node = Node::default();
-            let leaf = self.leaf(items, &mut wide);
+            let leaf = self.leaf(&items[..root.len], &mut wide);
             node.set(0, &root.bounds, leaf);
             wide.nodes.push(node);
             return wide;
@@ -135,10 +140,16 @@ impl<'a> Builder<'a> {
                 Some(_) => return None,
                 None if leaf => return None,
                 // Equal centres.
-                None => self.sort(items),
+                None => {
+                    run.len = self.drop_hidden(items);
+                    if run.len <= MAX_LEAF && items[..run.len].iter().all(|i| self.kind(i.tag()) == ends[0]) {
+                        return None;
+                    }
+                    self.sort(&mut items[..run.len])
+                }
             }
         };
-        let (a, b) = items.split_at(middle);
+        let (a, b) = items[..run.len].split_at(middle);
         let depth = run.depth + 1;
         Some([Run::new(a, run.start, depth), Run::new(b, run.start + middle, depth)])
     }
@@ -154,6 +165,29 @@ impl<'a> Builder<'a> {
         items.sort_unstable_by_key(Item::tag);
         let middle = items.partition_point(|i| i.tag() < self.first);
         if middle == 0 || middle == items.len() { items.len() / 2 } else { middle }
+    }
+
+    /// Moves those that are not hidden to the front; says how many they are.
+    fn drop_hidden<T: Coordinate>(&self, items: &mut [Item<T>]) -> usize {
+        let key = |i: &Item<T>| [i.lo.xyz(), i.hi.xyz()].map(|end| end.map(T::to_f64));
+        items.sort_unstable_by(|a, b| {
+            let ends = key(a).into_iter().flatten().zip(key(b).into_iter().flatten());
+            let boxes = ends.fold(Ordering::Equal, |o, (x, y)| o.then(x.total_cmp(&y)));
+            boxes.then(a.tag().cmp(&b.tag()))
+        });
+        let (mut kept, mut first) = (0, 0);
+        for i in 0..items.len() {
+            if kept == 0 || key(&items[first]) != key(&items[i]) {
+                first = kept;
+            }
+            // Others of the same box that are many are not worth the search: leaves look again.
+            let others = &items[first..kept.min(first + ALIKE)];
+            if !others.iter().any(|j| (self.hidden)(items[i].tag(), j.tag())) {
+                items.swap(kept, i);
+                kept += 1;
+            }
+        }
+        kept
     }
 
     fn halve<T: Coordinate>(&self, items: &mut [Item<T>], run: &Run<T>) -> usize {

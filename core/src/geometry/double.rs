@@ -9,11 +9,11 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Real, V3};
+use super::{Real, Scalar, V3};
 use crate::precise::Big;
 
 /// hi + lo, |lo| at most half a unit in the last place of hi.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub(crate) struct DoubleDouble {
     pub(crate) hi: f64,
     pub(crate) lo: f64,
@@ -117,6 +117,12 @@ impl Div for DoubleDouble {
         let th = self.hi / b.hi;
         let rest = self - b * Self::splat(th);
         Self::of(fast_two_sum(th, (rest.hi + rest.lo) / b.hi))
+    }
+}
+
+impl Scalar for DoubleDouble {
+    fn to_f64(self) -> f64 {
+        self.hi
     }
 }
 

@@ -7,8 +7,9 @@ use super::plane::LocalPlane;
 use super::sphere::LocalSphere;
 use super::triangle::LocalTriangle;
 use super::{Aabb, DoubleDouble, U, V3};
+use crate::precise::predicates::Exact;
 use crate::precise::{Big, Vector};
-use crate::scene::{Order, PlanePosition, Scene, Sphere, SurfaceId, Triangle};
+use crate::scene::{Order, Plane, PlanePosition, Scene, Sphere, SurfaceId, Triangle};
 use crate::simd::roomy;
 
 /// An object: planes first, then spheres, then triangles, each in document order.
@@ -39,7 +40,12 @@ pub(crate) struct Local {
     double_planes: Vec<LocalPlane<DoubleDouble>>,
     pub(crate) spheres: Vec<LocalSphere>,
     pub(crate) lights: Vec<DVec3>,
+    /// Whether a light is too far for its distance to be squared in f64.
+    far_lights: bool,
 }
+
+/// Lengths above this are not for squares in f64.
+pub(crate) const FAR: f64 = 1e140;
 
 /// x · 2^k, rounded once unless it ends among the denormals.
 pub(crate) fn ldexp(x: f64, k: i32) -> f64 {
@@ -103,6 +109,7 @@ impl Local {
             double_planes: Vec::new(),
             spheres: Vec::new(),
             lights: Vec::new(),
+            far_lights: false,
         };
         local.double_planes = scene.planes().iter().map(|p| local.plane(p)).collect();
         local.planes = local.double_planes.iter().map(|p| LocalPlane { n: p.n.to_f64(), h: p.h.hi }).collect();
@@ -111,7 +118,14 @@ impl Local {
         spheres.par_extend(scene.spheres().par_iter().map(sphere));
         local.spheres = spheres;
         local.lights = scene.lights().iter().map(|&l| local.point(l)).collect();
+        local.far_lights = local.lights.iter().any(|l| !(l.abs().max_element() < FAR));
         local
+    }
+
+    /// The squared distance to the nearest light before any was looked at: of lights that f64 cannot hold, each
+    /// may be anywhere.
+    pub(crate) fn nearest_light_at_first(&self) -> f64 {
+        if self.far_lights { 0.0 } else { f64::INFINITY }
     }
 
     /// A world point in local space, within u·|result| of the real one.
@@ -129,25 +143,31 @@ impl Local {
     /// A triangle's corners in local space, each within 2u·(largest corner) of the real ones.
     #[inline]
     pub(crate) fn triangle(&self, t: &Triangle) -> LocalTriangle {
+        // The same triangle is the same here in whatever form it was written.
+        if let Some(corners) = t.exact_corners() {
+            return LocalTriangle { v: corners.map(|v| V3::splat(self.point(v))) };
+        }
         let [a, b, c] = t.written;
         let a = self.point(a);
-        if t.by_sides() {
-            LocalTriangle { v: [a, a + self.scaled(b), a + self.scaled(c)].map(V3::splat) }
-        } else {
-            LocalTriangle { v: [a, self.point(b), self.point(c)].map(V3::splat) }
-        }
+        LocalTriangle { v: [a, a + self.scaled(b), a + self.scaled(c)].map(V3::splat) }
     }
 
-    fn plane(&self, p: &crate::scene::Plane) -> LocalPlane<DoubleDouble> {
+    fn plane(&self, p: &Plane) -> LocalPlane<DoubleDouble> {
         let n = Vector::<8>::new(p.normal);
         let length = n.length();
-        let unit = n * length.reciprocal();
-        let offset = match p.position {
-            PlanePosition::Point(q) => unit.dot(&(Vector::new(q) - Vector::new(self.origin))),
-            PlanePosition::Distance(d) => Big::new(d) - unit.dot(&Vector::new(self.origin)),
-        };
-        let [x, y, z] = unit.0.each_ref().map(DoubleDouble::nearest);
-        LocalPlane { n: V3 { x, y, z }, h: DoubleDouble::nearest(&offset.scale(-i64::from(self.power))) }
+        let [x, y, z] = (n * length.reciprocal()).0.each_ref().map(DoubleDouble::nearest);
+        let offset = plane_offset(p, self.origin, length).over(length);
+        let mut h = DoubleDouble::nearest(&offset.scale(-i64::from(self.power)));
+        if h.hi == 0.0 && !offset.is_zero() {
+            // 0 is kept for planes through the eye; bounds allow for as little as this.
+            h = DoubleDouble { hi: f64::MIN_POSITIVE * f64::from(offset.signum()), lo: 0.0 };
+        }
+        LocalPlane { n: V3 { x, y, z }, h }
+    }
+
+    /// The `k`-th light to twice the digits; `None` where differences may overflow.
+    pub(crate) fn double_light(&self, scene: &Scene, k: usize) -> Option<V3<DoubleDouble>> {
+        (!self.quarters).then(|| self.double_point(scene.lights()[k]))
     }
 
     /// A world point in local space to twice the digits, where differences do not overflow.
@@ -193,6 +213,26 @@ impl Local {
         let b = t.v.iter().fold(Aabb::EMPTY, |b, v| b.around(v.to_dvec3()));
         let v = t.v[0].norm1().max(t.v[1].norm1()).max(t.v[2].norm1());
         b.padded(4.0 * U * v)
+    }
+}
+
+/// n · (q − origin) for points q of the plane, n of this `length`: zero where it is zero, else to nearly
+/// all of its digits.
+fn plane_offset(p: &Plane, origin: DVec3, length: Big<8>) -> Big<8> {
+    let through = Exact::new(p.normal).dot(&Exact::new(origin));
+    match p.position {
+        PlanePosition::Point(q) => Exact::new(p.normal).dot(&(Exact::new(q) - Exact::new(origin))).resize(),
+        PlanePosition::Distance(d) => {
+            let (far, near) = (Big::new(d) * length, through.resize::<8>());
+            let offset = far - near;
+            if offset.is_zero() || offset.exponent() < far.exponent() - 256 {
+                // far² − near² is exact, and far + near subtracts nothing.
+                let (n, d) = (Vector::<136>::new(p.normal), Big::<136>::new(d));
+                let through = through.resize::<136>();
+                return (d * d * n.dot(&n) - through * through).resize::<8>().over(far + near);
+            }
+            offset
+        }
     }
 }
 

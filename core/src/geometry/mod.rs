@@ -24,7 +24,7 @@ pub(crate) use aabb::Aabb;
 pub(crate) use double::DoubleDouble;
 pub(crate) use local::{Local, ObjectId};
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
-pub(crate) use real::{Real, V3};
+pub(crate) use real::{Real, Scalar, V3};
 
 /// The unit roundoff of f64, 2⁻⁵³.
 pub(crate) const U: f64 = f64::EPSILON / 2.0;

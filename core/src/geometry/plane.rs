@@ -1,10 +1,11 @@
 //! Ray against infinite plane.
 //!
-//! **Bound.** The unit normal is within 2u of the real one, the offset h within u·|h|. Then
+//! **Bound.** The unit normal is within 2u of the real one, the offset h within u·|h|; it is 0 where the plane
+//! passes through the origin, the eye, and only there. Then
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
-use super::real::{Real, V3};
-use super::{Ray, Span, TINY, U};
+use super::real::{Real, Scalar, V3};
+use super::{Ray, Span, TINY};
 
 /// n · P = h in local space.
 #[derive(Clone, Copy, Debug)]
@@ -28,14 +29,19 @@ pub(crate) fn distance<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> (R, R) {
 }
 
 /// Where the ray meets the plane.
-pub(crate) fn test(ray: &Ray, plane: &LocalPlane) -> Option<Span> {
+pub(crate) fn test<R: Scalar>(ray: &Ray<R>, plane: &LocalPlane<R>) -> Option<Span<R>> {
+    // From the eye, which is the origin, a plane through the eye is met at 0 alone, or nowhere.
+    if plane.h.to_f64() == 0.0 && ray.starts_at_origin() {
+        return None;
+    }
+    let k = |x: f64| R::splat(x);
     let (t, e) = distance(ray, plane);
-    if e < f64::INFINITY {
+    if e < k(f64::INFINITY) {
         return Span::around(t, e, false);
     }
     // Perhaps parallel: not nearer than the least numerator over the greatest denominator allows.
-    let dnum = ray.eo + 8.0 * U * (ray.o.norm1() + plane.h.abs()) + TINY;
+    let dnum = ray.eo + k(8.0 * R::U) * (ray.o.norm1() + plane.h.abs()) + k(TINY);
     let num = (plane.h - plane.n.dot(ray.o)).abs() - dnum;
-    let den = plane.n.dot(ray.d).abs() + (ray.ed + 8.0 * U) * ray.len + TINY;
-    Span::unsure(num / den * (1.0 - 8.0 * U), f64::INFINITY, false)
+    let den = plane.n.dot(ray.d).abs() + (ray.ed + k(8.0 * R::U)) * ray.len + k(TINY);
+    Span::unsure(num / den * k(1.0 - 8.0 * R::U), k(f64::INFINITY), false)
 }

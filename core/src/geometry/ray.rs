@@ -1,7 +1,7 @@
 //! Rays that know how wrong they may be.
 
 use super::TINY;
-use super::real::{Real, V3};
+use super::real::{Real, Scalar, V3};
 
 /// A ray o + t·d in local space, and its distance from the ray of real arithmetic.
 #[derive(Clone, Copy, Debug)]
@@ -36,17 +36,24 @@ impl<R: Real> Ray<R> {
     }
 }
 
+impl<R: Scalar> Ray<R> {
+    /// Whether the real start is surely the origin.
+    pub(crate) fn starts_at_origin(&self) -> bool {
+        self.eo.to_f64() <= TINY && self.o.norm1().to_f64() == 0.0
+    }
+}
+
 /// Squares of lengths are trusted between these.
 pub(crate) const LEAST_SQUARE: f64 = 1e-270;
 const GREATEST_SQUARE: f64 = 1e300;
 
 /// Where along a ray an object is met, if it is.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Span {
+pub(crate) struct Span<R = f64> {
     /// The real distance is at least this; 0 where it may be at the start itself.
-    pub(crate) lo: f64,
+    pub(crate) lo: R,
     /// The real distance is at most this.
-    pub(crate) hi: f64,
+    pub(crate) hi: R,
     /// Whether the object is surely met, at a t > 0.
     pub(crate) sure: bool,
     /// Whether the inner side of a sphere is struck; meaningless for other objects.
@@ -58,15 +65,17 @@ impl Span {
     pub(crate) fn middle(&self) -> f64 {
         0.5 * self.lo + 0.5 * self.hi
     }
+}
 
+impl<R: Scalar> Span<R> {
     /// t ± e of a sure member of the object: sure if surely in front of the start, `None` if surely not.
-    pub(crate) fn around(t: f64, e: f64, inside: bool) -> Option<Self> {
-        let (lo, hi) = (t - e, t + e);
-        if hi < 0.0 {
+    pub(crate) fn around(t: R, e: R, inside: bool) -> Option<Self> {
+        let (lo, hi, zero) = (t - e, t + e, R::splat(0.0));
+        if hi < zero {
             return None;
         }
         // Written so that a NaN is unsure, over all distances.
-        if lo > 0.0 && hi.is_finite() {
+        if lo > zero && hi.to_f64().is_finite() {
             Some(Self { lo, hi, sure: true, inside })
         } else {
             Self::unsure(lo, hi, inside)
@@ -74,12 +83,13 @@ impl Span {
     }
 
     /// An object that may or may not be met between `lo` and `hi`.
-    pub(crate) fn unsure(lo: f64, hi: f64, inside: bool) -> Option<Self> {
-        if hi < 0.0 {
+    pub(crate) fn unsure(lo: R, hi: R, inside: bool) -> Option<Self> {
+        let zero = R::splat(0.0);
+        if hi < zero {
             return None;
         }
-        let lo = if lo > 0.0 { lo } else { 0.0 };
-        let hi = if hi >= 0.0 { hi } else { f64::INFINITY };
+        let lo = if lo > zero { lo } else { zero };
+        let hi = if hi >= zero { hi } else { R::splat(f64::INFINITY) };
         Some(Self { lo, hi, sure: false, inside })
     }
 }

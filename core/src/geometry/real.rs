@@ -25,6 +25,18 @@ pub(crate) trait Real:
     fn if_positive(self, a: Self, b: Self) -> Self;
 }
 
+/// One number, not several side by side: what decisions are taken by.
+pub(crate) trait Scalar: Real + PartialOrd {
+    /// Rounded.
+    fn to_f64(self) -> f64;
+}
+
+impl Scalar for f64 {
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
+
 impl Real for f64 {
     const U: f64 = U;
     #[inline(always)]

@@ -14,8 +14,8 @@
 
 use glam::DVec3;
 
-use super::real::{Real, V3};
-use super::{Ray, Span, TINY, U};
+use super::real::{Real, Scalar, V3};
+use super::{Ray, Span, TINY};
 
 /// A sphere in local space; its centre is within U·|c| of the real one.
 #[derive(Clone, Copy, Debug)]
@@ -79,33 +79,35 @@ pub(crate) fn other_root<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> (R, R) {
 }
 
 /// Where the ray meets the sphere first.
-pub(crate) fn test(ray: &Ray, s: &LocalSphere) -> Option<Span> {
+pub(crate) fn test<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
+    let k = |x: f64| R::splat(x);
+    let zero = k(0.0);
     let Roots { near, far, e, qq, delta } = roots(ray, s);
     let outer = s.r + delta;
-    if qq > outer * outer * (1.0 + 8.0 * U) + TINY {
+    if qq > outer * outer * k(1.0 + 8.0 * R::U) + k(TINY) {
         return None;
     }
     let inner = s.r - delta;
-    let sure = inner > 0.0 && qq + TINY < inner * inner * (1.0 - 8.0 * U);
+    let sure = inner > zero && qq + k(TINY) < inner * inner * k(1.0 - 8.0 * R::U);
     if !sure {
         return Span::unsure(near - e, far + e, false);
     }
-    if near - e > 0.0 {
+    if near - e > zero {
         return Span::around(near, e, false);
     }
-    if near + e < 0.0 {
+    if near + e < zero {
         return Span::around(far, e, true);
     }
     // The start may lie on the sphere: near root, far root or nothing.
-    Span::unsure(0.0, far + e, near <= 0.0)
+    Span::unsure(zero, far + e, near <= zero)
 }
 
 /// Where a ray that starts on the sphere's inner side meets it again.
-pub(crate) fn test_from_inside(ray: &Ray, s: &LocalSphere) -> Option<Span> {
+pub(crate) fn test_from_inside<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
     let (t, e) = other_root(ray, s);
     // The real distance is above 0 whatever the bound says: the ray points inward.
-    let (lo, hi) = ((t - e).max(0.0), t + e);
-    Some(Span { lo, hi, sure: hi.is_finite(), inside: true })
+    let (lo, hi) = ((t - e).max(R::splat(0.0)), t + e);
+    Some(Span { lo, hi, sure: hi.to_f64().is_finite(), inside: true })
 }
 
 /// The two distances at which the line is known to meet the sphere, and their error bound.

@@ -17,8 +17,8 @@
 //! 6u·S³/|N| inside the triangle, the corners by 2·pos, so that t is off by at most
 //! (3·pos·|N| + 12u·S³)/|N·d|.
 
-use super::real::{Real, V3};
-use super::{Ray, Span, TINY, U};
+use super::real::{Real, Scalar, V3};
+use super::{Ray, Span, TINY};
 
 /// Corners in local space, each within 2u·V of the real ones.
 #[derive(Clone, Copy, Debug)]
@@ -73,7 +73,7 @@ pub(crate) fn forms<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Forms<R> {
 }
 
 /// Where the ray meets the triangle.
-pub(crate) fn test(ray: &Ray, tri: &LocalTriangle) -> Option<Span> {
+pub(crate) fn test<R: Scalar>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Option<Span<R>> {
     let f = forms(ray, tri);
     let (lo, hi) = (f.w[0].min(f.w[1]).min(f.w[2]), f.w[0].max(f.w[1]).max(f.w[2]));
     if lo < -f.e && hi > f.e {
@@ -87,7 +87,7 @@ pub(crate) fn test(ray: &Ray, tri: &LocalTriangle) -> Option<Span> {
     }
     // Whatever is met lies between the nearest and the farthest corner.
     let along = f.p.map(|p| p.dot(ray.d) / ray.dd);
-    let e = (f.pos + 8.0 * U * f.reach) * ray.inv_len;
+    let e = (f.pos + R::splat(8.0 * R::U) * f.reach) * ray.inv_len;
     let near = along[0].min(along[1]).min(along[2]) - e;
     let far = along[0].max(along[1]).max(along[2]) + e;
     Span::unsure(near, far, false)

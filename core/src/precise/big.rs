@@ -78,6 +78,12 @@ impl<const N: usize> Big<N> {
         if self.is_zero() { i64::MIN } else { self.exponent }
     }
 
+    /// How many of the mantissa's low bits are zero; all of them for zero.
+    pub(crate) fn trailing_zeros(&self) -> i64 {
+        let empty = self.limbs.iter().take_while(|&&l| l == 0).count();
+        64 * empty as i64 + self.limbs.get(empty).map_or(0, |l| i64::from(l.trailing_zeros()))
+    }
+
     /// |self| / 2^exponent, in [1/2, 1], to f64's precision; 0 for zero.
     pub(crate) fn leading(&self) -> f64 {
         // 2^−64 · the top limb.

@@ -33,6 +33,11 @@ impl Bound {
         Self { m: 0.5, e: k + 1 }
     }
 
+    /// What a number of N limbs may lose by one operation, as a share of it.
+    pub(crate) fn rounding<const N: usize>() -> Self {
+        Self::power(8 - 64 * N as i64)
+    }
+
     /// |x|.
     pub(crate) fn of<const N: usize>(x: &Big<N>) -> Self {
         if x.is_zero() { Self::ZERO } else { Self::new(x.leading() * UP, x.exponent()) }

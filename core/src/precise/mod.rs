@@ -1,5 +1,6 @@
 //! Numbers wide enough that a decision in them is the decision of real arithmetic.
 
+mod ball;
 mod big;
 mod bound;
 pub mod predicates;
@@ -7,6 +8,7 @@ mod quotient;
 mod vector;
 pub mod zero_area;
 
+pub(crate) use ball::{Ball, Balls, Roots, Unsure};
 pub use big::Big;
 pub(crate) use bound::Bound;
 pub use vector::Vector;

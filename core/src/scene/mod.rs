@@ -152,6 +152,21 @@ impl Triangle {
         SurfaceId(self.surface_and_form & !Self::SIDES)
     }
 
+    /// The corners c0, c1, c2, where all of them are f64s, in whatever form they were written.
+    pub(crate) fn exact_corners(&self) -> Option<[DVec3; 3]> {
+        if !self.by_sides() {
+            return Some(self.written);
+        }
+        let [a, b, c] = self.written;
+        // What a sum leaves of its terms is found exactly; not a number where the sum overflows.
+        let rest = |a: DVec3, b: DVec3| {
+            let sum = a + b;
+            let part = sum - a;
+            (a - (sum - part)) + (b - part)
+        };
+        (rest(a, b) == DVec3::ZERO && rest(a, c) == DVec3::ZERO).then(|| [a, a + b, a + c])
+    }
+
     /// The corners c0, c1, c2, each component rounded once to the nearest f64.
     #[must_use]
     pub fn corners(&self) -> [DVec3; 3] {

@@ -5,16 +5,13 @@
 //! surface. Here the path is followed again in world coordinates exactly as the scene gives
 //! them, and the question is answered among the few objects it concerns.
 //!
-//! **Certainty.** Numbers have 256 bits first, then 1536: enough for terms of which one is the
-//! smallest f64 and another is 1. Beside its numbers a ray carries bounds of how far they may be
-//! from the real ones, and every decision a bound of its own:
-//!
-//! - what exceeds its bound has the sign it shows;
-//! - what does not is zero at the last width, if that bound is below 2^−1152 of its terms: an exact
-//!   event (a tangent, a shared edge, equal distances), whose outcome the image model defines;
-//! - anything else is [`Unsure`], and asked again at the last width. What is unsure there, because
-//!   the path behind it has used the digits up, is decided by the numbers as they are, the same
-//!   everywhere, and counted (`RayCounts::unresolved`).
+//! **Certainty.** Numbers have 256 bits first, then 1536. Beside its numbers a ray carries bounds of
+//! how far they may be from the real ones, and every decision a bound of its own: what exceeds its
+//! bound has the sign it shows. What does not is [`Unsure`]: it may be an exact event (a tangent, a
+//! shared edge, equal distances), whose outcome the image model defines, and that is what
+//! `trace::proof` finds out. What no width can tell, because the path behind it has used the digits
+//! up, is decided by the numbers as they are, the same everywhere, and counted
+//! (`RayCounts::unresolved`).
 //!
 //! **Bounds.** `lateral` bounds how far the ray's line passes from the real one at the start,
 //! `place` how far the start itself is from the real one, `turn` the direction's relative error. A
@@ -22,15 +19,19 @@
 //! another; a sphere met at distance h from the middle of its chord turns the ray by up to
 //! 4·place/r. Each operation on numbers adds [`Slack::rounding`] of its terms.
 
+mod lines;
+
 use std::cmp::Ordering;
-use std::sync::OnceLock;
 
 use glam::DVec3;
 
 use crate::geometry::local::{Kind, kind, surface_and_order};
 use crate::geometry::{Local, ObjectId, U};
+pub(crate) use crate::precise::Unsure;
 use crate::precise::{Big, Bound, Vector};
-use crate::scene::{Plane, PlanePosition, Scene};
+use crate::scene::Scene;
+use lines::{Chord, Crossing, ExactPlane, cross_triangle, times, triangle};
+pub(crate) use lines::{ExactPlanes, largest, size};
 
 use super::packet::{INSIDE, NONE};
 use super::prepared::PreparedScene;
@@ -39,7 +40,7 @@ use super::prepared::PreparedScene;
 pub(crate) const FIRST: usize = 4;
 pub(crate) const LAST: usize = 24;
 
-/// What cannot be told from zero is zero where its bound is this many bits below its terms.
+/// Of numbers that are taken as they are, what is this many bits below its terms is zero.
 const fn tie(limbs: usize) -> i64 {
     48 * limbs as i64
 }
@@ -51,10 +52,6 @@ const VALUE: i64 = 60;
 fn rounding<const N: usize>() -> Bound {
     Bound::power(20 - 64 * N as i64)
 }
-
-/// These numbers are not wide enough to tell.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Unsure;
 
 /// What a ray meets: which object, and for a sphere from which side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,12 +118,6 @@ pub(crate) struct Distance<const N: usize> {
 }
 
 impl<const N: usize> Distance<N> {
-    /// The nearest f64.
-    pub(crate) fn to_f64(self) -> Result<f64, Unsure> {
-        let known = self.error.exponent() <= self.t.exponent().saturating_sub(VALUE);
-        if known || N == LAST { Ok(self.t.to_f64()) } else { Err(Unsure) }
-    }
-
     /// The order of two distances.
     fn compare(&self, o: &Self) -> Result<Ordering, Unsure> {
         let terms = Bound::of(&self.t) + Bound::of(&o.t);
@@ -135,10 +126,10 @@ impl<const N: usize> Distance<N> {
 }
 
 impl<const N: usize> ExactRay<N> {
-    /// A ray from `o` along `d`, of whose length `turn` may be wrong.
-    pub(crate) fn new(o: DVec3, d: Vector<N>, turn: Bound) -> Self {
+    /// A ray from `o` along `d`, which is rounded.
+    pub(crate) fn new(o: DVec3, d: Vector<N>) -> Self {
         let rounding = rounding::<N>();
-        let slack = Slack { lateral: Bound::ZERO, place: Bound::ZERO, turn: turn + rounding, rounding };
+        let slack = Slack { lateral: Bound::ZERO, place: Bound::ZERO, turn: rounding, rounding };
         Self { o: Vector::new(o), d, from: None, slack }
     }
 
@@ -154,247 +145,15 @@ impl<const N: usize> ExactRay<N> {
     }
 }
 
-/// The sign of `x`, which may be wrong by `error`: 0 where it vanishes beside `terms`.
+/// The sign of `x`, which may be wrong by `error`; of numbers that are taken as they are, 0 where it
+/// vanishes beside `terms`.
 fn sign<const N: usize>(x: &Big<N>, terms: Bound, error: Bound) -> Result<i32, Unsure> {
-    let zero = terms.exponent().saturating_sub(tie(N));
     if error == Bound::ZERO {
-        // Exact numbers, or such as are taken as they are.
+        let zero = terms.exponent().saturating_sub(tie(N));
         return Ok(if x.exponent() >= zero { x.signum() } else { 0 });
     }
     // At least twice the error, so that quotients by x are bounded as well.
-    let proven = error.exponent().saturating_add(2);
-    if x.exponent() >= proven {
-        Ok(x.signum())
-    } else if N < LAST || proven > zero {
-        Err(Unsure)
-    } else {
-        Ok(0)
-    }
-}
-
-/// A triangle's first corner and its sides, as real numbers.
-fn triangle<const N: usize>(scene: &Scene, i: usize) -> [Vector<N>; 3] {
-    let t = &scene.triangles()[i];
-    let [a, b, c] = t.written.map(Vector::new);
-    if t.by_sides() { [a, b, c] } else { [a, b - a, c - a] }
-}
-
-/// A plane in wide numbers: n · P = offset.
-#[derive(Clone, Copy, Debug)]
-struct ExactPlane<const N: usize> {
-    n: Vector<N>,
-    offset: Big<N>,
-    /// 2 / n², what mirrors a ray.
-    fold: Big<N>,
-    /// The normal's size, and the plane's distance from the origin.
-    length: Bound,
-    reach: Bound,
-}
-
-/// A plane at both widths; at the last, which few scenes ask for, from when it is asked for.
-#[derive(Debug)]
-pub(crate) struct ExactPlanes {
-    first: ExactPlane<FIRST>,
-    last: OnceLock<Box<ExactPlane<LAST>>>,
-}
-
-impl ExactPlanes {
-    pub(crate) fn new(plane: &Plane) -> Self {
-        Self { first: ExactPlane::new(plane), last: OnceLock::new() }
-    }
-}
-
-impl<const N: usize> ExactPlane<N> {
-    fn new(plane: &Plane) -> Self {
-        let n = Vector::new(plane.normal);
-        let offset = match plane.position {
-            PlanePosition::Point(q) => n.dot(&Vector::new(q)),
-            PlanePosition::Distance(d) => Big::new(d) * n.length(),
-        };
-        let reach = Bound::of(&offset).over(&n.0[largest(&n)]);
-        Self { n, offset, fold: Big::new(2.0).over(n.dot(&n)), length: size(&n), reach }
-    }
-
-    /// Plane `i`.
-    fn of(prepared: &PreparedScene, i: usize) -> Self {
-        let ExactPlanes { first, last } = &prepared.exact_planes[i];
-        if N == FIRST {
-            first.resize()
-        } else {
-            last.get_or_init(|| Box::new(ExactPlane::new(&prepared.scene.planes()[i]))).resize()
-        }
-    }
-
-    fn resize<const M: usize>(&self) -> ExactPlane<M> {
-        let Self { n, offset, fold, length, reach } = self;
-        ExactPlane { n: n.resize(), offset: offset.resize(), fold: fold.resize(), length: *length, reach: *reach }
-    }
-
-    fn cross(&self, ray: &ExactRay<N>) -> Crossing<N> {
-        let reach = size(&ray.o) + self.reach;
-        Crossing::new(ray, self.offset - self.n.dot(&ray.o), self.n.dot(&ray.d), self.length, reach)
-    }
-}
-
-/// |v| up to a factor below 2, from below: its largest component. Enough for terms.
-fn size<const N: usize>(v: &Vector<N>) -> Bound {
-    let [x, y, z] = v.0.map(|x| Bound::of(&x));
-    if x.exponent() >= y.exponent().max(z.exponent()) {
-        x
-    } else if y.exponent() >= z.exponent() {
-        y
-    } else {
-        z
-    }
-}
-
-/// 2^k · b, for the small factors of bounds.
-fn times(b: Bound, k: i64) -> Bound {
-    b.scale(k)
-}
-
-/// A line and a plane: numerator and denominator of their distance, and what they may be wrong by.
-struct Crossing<const N: usize> {
-    num: Big<N>,
-    den: Big<N>,
-    num_terms: Bound,
-    den_terms: Bound,
-    num_error: Bound,
-    den_error: Bound,
-}
-
-impl<const N: usize> Crossing<N> {
-    /// `reach` bounds the places that `num` is the difference of, `length` the normal's terms.
-    fn new(ray: &ExactRay<N>, num: Big<N>, den: Big<N>, length: Bound, reach: Bound) -> Self {
-        let Slack { place, turn, rounding, .. } = ray.slack;
-        let den_terms = length * size(&ray.d);
-        Self {
-            num,
-            den,
-            num_terms: length * reach,
-            den_terms,
-            num_error: length * (times(place, 4) + rounding * reach),
-            den_error: den_terms * (times(turn, 4) + rounding),
-        }
-    }
-
-    fn leans(&self) -> Result<i32, Unsure> {
-        sign(&self.den, self.den_terms, self.den_error)
-    }
-
-    fn ahead(&self) -> Result<i32, Unsure> {
-        sign(&self.num, self.num_terms, self.num_error)
-    }
-
-    /// The distance, where the line leans towards the plane.
-    fn distance(&self, rounding: Bound) -> Distance<N> {
-        let t = self.num.over(self.den);
-        let size = Bound::of(&t);
-        let error = times((self.num_error + size * self.den_error).over(&self.den), 1) + rounding * size;
-        Distance { t, error }
-    }
-}
-
-/// Which component is the largest.
-fn largest<const N: usize>(v: &Vector<N>) -> usize {
-    let e = v.0.map(|x| x.exponent());
-    (0..3).max_by_key(|&k| e[k]).unwrap_or(0)
-}
-
-fn cross_triangle<const N: usize>(ray: &ExactRay<N>, [a, e1, e2]: &[Vector<N>; 3]) -> (Crossing<N>, Vector<N>) {
-    let n = e1.cross(e2);
-    let length = size(e1) * size(e2);
-    (Crossing::new(ray, n.dot(&(*a - ray.o)), n.dot(&ray.d), length, size(a) + size(&ray.o)), n)
-}
-
-/// A line and a sphere.
-struct Chord<const N: usize> {
-    /// a·t² + 2b·t + c = 0, and b² − a·c.
-    a: Big<N>,
-    b: Big<N>,
-    c: Big<N>,
-    disc: Big<N>,
-    b_terms: Bound,
-    c_terms: Bound,
-    disc_terms: Bound,
-    b_error: Bound,
-    c_error: Bound,
-    disc_error: Bound,
-    /// How far the line may be misplaced at the sphere.
-    delta: Bound,
-}
-
-impl<const N: usize> Chord<N> {
-    fn new(ray: &ExactRay<N>, center: &Vector<N>, r: Big<N>) -> Self {
-        let Slack { lateral, place, turn, rounding } = ray.slack;
-        let oc = ray.o - *center;
-        let (a, b, rr) = (ray.d.dot(&ray.d), oc.dot(&ray.d), r * r);
-        let oc2 = oc.dot(&oc);
-        let c = oc2 - rr;
-        let (away, speed, radius) = (size(&oc), size(&ray.d), Bound::of(&r));
-        let delta = times(lateral, 1) + away * (times(turn, 2) + rounding);
-        // disc = |d|²(r² − s²), s the line's distance from the centre. Where s > 2r its sign is
-        // beyond doubt if delta is far below r; else s ≤ 2r.
-        let lever =
-            if delta.exponent().saturating_add(4) < radius.exponent() { radius } else { radius + times(away, 1) };
-        let c_terms = Bound::of(&oc2) + Bound::of(&rr);
-        let (disc, disc_terms) = if N < LAST {
-            (b * b - a * c, Bound::of(&a) * c_terms)
-        } else {
-            // Dearer, but what it subtracts is no more than the sphere's size: spheres however small
-            // beside their distance are told from points.
-            let (arm, reach) = (oc.cross(&ray.d), a * rr);
-            let square = arm.dot(&arm);
-            (reach - square, Bound::of(&reach) + Bound::of(&square))
-        };
-        Self {
-            disc,
-            disc_error: Bound::of(&a) * (times(lever * delta, 3) + times(delta * delta, 2)) + rounding * disc_terms,
-            disc_terms,
-            b_terms: away * speed,
-            b_error: times(speed * (place + away * (times(turn, 2) + rounding)), 2),
-            c_error: times(away * place, 3) + times(place * place, 2) + rounding * c_terms,
-            c_terms,
-            a,
-            b,
-            c,
-            delta,
-        }
-    }
-
-    /// √disc and its error; both 0 where the line is a tangent.
-    fn root(&self) -> Result<Option<(Big<N>, Bound)>, Unsure> {
-        Ok(match sign(&self.disc, self.disc_terms, self.disc_error)? {
-            -1 => None,
-            0 => Some((Big::ZERO, Bound::ZERO)),
-            _ => {
-                let root = self.disc.sqrt();
-                Some((root, self.disc_error.over(&root)))
-            }
-        })
-    }
-
-    /// Where the line enters, or leaves, the sphere: of the two forms of each root, the one that
-    /// subtracts nothing.
-    fn distance(&self, (root, root_error): (Big<N>, Bound), far: bool, rounding: Bound) -> Distance<N> {
-        let sum = if self.b.signum() < 0 { root - self.b } else { root + self.b };
-        let (b_error, c_error) = (self.b_error + root_error, self.c_error);
-        if far == (self.b.signum() < 0) {
-            let t = sum.over(self.a);
-            let t = if far { t } else { -t };
-            return Distance { t, error: b_error.over(&self.a) + rounding * Bound::of(&t) };
-        }
-        let t = self.c.over(sum);
-        let t = if far { -t } else { t };
-        let size = Bound::of(&t);
-        Distance { t, error: times((c_error + size * b_error).over(&sum), 1) + rounding * size }
-    }
-
-    /// Where the line through a point of the sphere meets it again.
-    fn other(&self, rounding: Bound) -> Distance<N> {
-        let t = -self.b.scale(1).over(self.a);
-        Distance { t, error: times(self.b_error, 1).over(&self.a) + rounding * Bound::of(&t) }
-    }
+    if x.exponent() >= error.exponent().saturating_add(2) { Ok(x.signum()) } else { Err(Unsure) }
 }
 
 /// Where `ray` first meets object `id` at t > 0, and whether that is a sphere's inner side.
@@ -517,8 +276,6 @@ pub(crate) fn hit<const N: usize>(
     let Slack { lateral, turn, rounding, .. } = ray.slack;
     let travelled = |t: &Big<N>| (Bound::of(t) * size(&ray.d), size(&ray.o));
     let flat = |crossing: &Crossing<N>, n: Vector<N>, back: Big<N>| {
-        // A distance that vanishes beside its terms has lost its digits.
-        crossing.ahead()?;
         let t = crossing.num.over(crossing.den);
         let (way, start) = travelled(&t);
         let along = n.0[largest(&n)];
@@ -550,7 +307,7 @@ pub(crate) fn hit<const N: usize>(
             let (t, sway) = if ray.from.is_some_and(|f| f.id == decision.id) {
                 (chord.other(rounding).t, times(chord.b_error, 1).over(&ray.d.0[largest(&ray.d)]) + ray.slack.place)
             } else {
-                let root = chord.root()?.unwrap_or((Big::ZERO, Bound::ZERO));
+                let root = chord.root_of_a_hit();
                 let sway = times(chord.delta, 1) + root.1.over(&ray.d.0[largest(&ray.d)]);
                 (chord.distance(root, decision.inside, rounding).t, sway)
             };
@@ -571,27 +328,40 @@ pub(crate) fn hit<const N: usize>(
 }
 
 impl<const N: usize> ExactHit<N> {
-    /// The same point in M limbs.
-    pub(crate) fn resize<const M: usize>(&self) -> ExactHit<M> {
-        ExactHit {
-            p: self.p.resize(),
-            normal: self.normal.resize(),
-            back: self.back.resize(),
-            turned: self.turned,
-            decision: self.decision,
-            slack: self.slack,
-            bend: self.bend,
-        }
+    /// A point that is off by `place` at most, its normal by the share `bend`.
+    pub(crate) fn known(
+        p: Vector<N>,
+        place: Bound,
+        (normal, bend): (Vector<N>, Bound),
+        back: Big<N>,
+        turned: bool,
+        decision: Decision,
+    ) -> Self {
+        let slack = Slack { lateral: place, place, turn: Bound::ZERO, rounding: rounding::<N>() };
+        Self { p, normal, back, turned, decision, slack, bend }
     }
 
-    /// Whether place and normal are known well enough to be seen: against the place's size, so
-    /// that its distance from a light close by is known as well, and against 1, the size of a
-    /// picture on a plane.
-    pub(crate) fn is_known(&self) -> bool {
-        let fine = |error: Bound, to: i64| error == Bound::ZERO || error.exponent() <= to;
-        fine(self.slack.place, size(&self.p).exponent().saturating_sub(2 * VALUE))
-            && fine(self.slack.place, -VALUE)
-            && fine(self.bend, -VALUE)
+    /// How far the point may be from the real one.
+    pub(crate) fn misplaced(&self) -> Bound {
+        self.slack.place
+    }
+
+    /// The normal as it was found: of any length, outward or upward; and its relative error.
+    pub(crate) fn raw_normal(&self) -> (&Vector<N>, Bound) {
+        (&self.normal, self.bend)
+    }
+
+    /// A difference from the point, if it keeps its digits.
+    fn difference(&self, d: Vector<N>) -> Result<Vector<N>, Unsure> {
+        let error = self.slack.place;
+        let known = error == Bound::ZERO || error.exponent() <= size(&d).exponent().saturating_sub(VALUE);
+        if known { Ok(d) } else { Err(Unsure) }
+    }
+
+    /// The point in local space, each coordinate rounded once.
+    pub(crate) fn to_local(&self, local: &Local, scene: &Scene) -> Result<DVec3, Unsure> {
+        let p = self.difference(self.p - Vector::new(scene.camera().location()))?;
+        Ok(p.scale(-i64::from(local.power)).to_f64())
     }
 
     /// The ray along `d`, which met this, reflected from here.
@@ -609,25 +379,35 @@ impl<const N: usize> ExactHit<N> {
     }
 
     /// The unit normal, turned to the side the ray strikes.
-    pub(crate) fn normal(&self) -> DVec3 {
+    pub(crate) fn normal(&self) -> Result<DVec3, Unsure> {
+        if self.bend != Bound::ZERO && self.bend.exponent() > -VALUE {
+            return Err(Unsure);
+        }
         let n = rounded(&self.normal).normalize();
-        if self.turned { -n } else { n }
+        Ok(if self.turned { -n } else { n })
+    }
+
+    /// The direction of the ray along `d`, which met this, reflected from here; of about the length of `d`.
+    pub(crate) fn mirrored(&self, d: &Vector<N>) -> Result<DVec3, Unsure> {
+        let turn = self.slack.turn + self.bend;
+        if turn != Bound::ZERO && turn.exponent() > -VALUE {
+            return Err(Unsure);
+        }
+        Ok((*d - self.normal * self.back).to_f64())
     }
 
     /// n · l, l the unit vector to `light`; 0 where the light is on the surface's plane, to f64.
-    pub(crate) fn cosine(&self, light: DVec3) -> f64 {
-        let l = Vector::new(light) - self.p;
-        let cosine = self.normal().dot(rounded(&l).normalize());
-        if cosine < 16.0 * U { 0.0 } else { cosine }
+    pub(crate) fn cosine(&self, light: DVec3) -> Result<f64, Unsure> {
+        let l = self.difference(Vector::new(light) - self.p)?;
+        if l.is_zero() {
+            return Ok(0.0);
+        }
+        let cosine = self.normal()?.dot(rounded(&l).normalize());
+        Ok(if cosine < 16.0 * U { 0.0 } else { cosine })
     }
 }
 
 /// `v` scaled so that its largest component is about 1, each component rounded once.
 fn rounded<const N: usize>(v: &Vector<N>) -> DVec3 {
     if v.is_zero() { DVec3::ZERO } else { v.scale(-v.exponent()).to_f64() }
-}
-
-/// A world point in local space, rounded once.
-pub(crate) fn to_local<const N: usize>(local: &Local, scene: &Scene, p: &Vector<N>) -> DVec3 {
-    (*p - Vector::new(scene.camera().location())).scale(-i64::from(local.power)).to_f64()
 }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::arbiter::{ExactRay, LAST};
 use crate::geometry::{DoubleDouble, Ray, Real, U, V3};
-use crate::precise::{Big, Bound, Vector};
+use crate::precise::{Big, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
 
@@ -17,6 +17,9 @@ pub struct PlanePoint {
     /// Up.
     pub y: i32,
 }
+
+/// Wide enough for products of the sky and two differences of points.
+type Exact = Vector<104>;
 
 /// Bound on a camera ray's direction, see [`Frame::ray`].
 pub(crate) const TURN: f64 = 6.0 * U;
@@ -34,8 +37,6 @@ pub(crate) struct Frame {
     location: DVec3,
     exact: [Vector<LAST>; 3],
     double: [V3<DoubleDouble>; 3],
-    /// What `exact` has lost where the sky is almost the view's direction.
-    turn: Bound,
     pub(crate) forward: DVec3,
     pub(crate) right: DVec3,
     pub(crate) up: DVec3,
@@ -44,12 +45,11 @@ pub(crate) struct Frame {
 impl Frame {
     pub(crate) fn new(camera: &Camera, view: &View, grid: u32) -> Self {
         let location = camera.location();
-        let f = (Vector::new(camera.look_at()) - Vector::new(location)).normalize();
-        let sky = Vector::new(camera.sky());
-        let across = sky.cross(&f);
-        let r = across.normalize();
-        let turn = (Bound::of(&sky.length()) * Bound::power(16 - 64 * LAST as i64)).over(&across.length());
+        // Exactly, as the sky may be almost the view's direction, and only then rounded.
+        let f = Exact::new(camera.look_at()) - Exact::new(location);
+        let r = Exact::new(camera.sky()).cross(&f);
         let u = f.cross(&r);
+        let [f, r, u] = [f, r, u].map(|v| v.resize::<LAST>().normalize());
         let units = 2.0 * f64::from(grid) * f64::from(view.height());
         let distance = (Big::new(view.zoom()) * Big::new(units)).over(Big::new(view.plane_height()));
         // The longest of the three parts of a direction becomes about 1.
@@ -61,7 +61,7 @@ impl Frame {
             let [x, y, z] = v.0.each_ref().map(DoubleDouble::nearest);
             V3 { x, y, z }
         });
-        Self { grid, width: view.width(), height: view.height(), location, exact, double, turn, forward, right, up }
+        Self { grid, width: view.width(), height: view.height(), location, exact, double, forward, right, up }
     }
 
     /// The centre of cell (x, y) of the picture's grid, x to the right, y down.
@@ -87,9 +87,7 @@ impl Frame {
         let [f, r, u] = self.double;
         let k = DoubleDouble::splat;
         let d = f + r * k(f64::from(p.x)) + u * k(f64::from(p.y));
-        // Below 2^−900 of a direction of length 1 nothing is lost that counts here.
-        let turn = if self.turn.exponent() < -900 { TURN / U * DoubleDouble::U } else { f64::INFINITY };
-        Ray::new(V3::splat(DVec3::ZERO), d, k(0.0), k(turn))
+        Ray::new(V3::splat(DVec3::ZERO), d, k(0.0), k(TURN / U * DoubleDouble::U))
     }
 
     /// The direction of [`Self::ray`].
@@ -102,6 +100,6 @@ impl Frame {
         let [f, r, u] = &self.exact;
         let (f, r, u) = (f.resize(), r.resize(), u.resize());
         let d = f + r * Big::new(f64::from(p.x)) + u * Big::new(f64::from(p.y));
-        ExactRay::new(self.location, d, self.turn)
+        ExactRay::new(self.location, d)
     }
 }

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::coplanar::SharedPlanes;
 use super::prepared::PreparedScene;
 use crate::bvh::Boxes;
 
@@ -20,6 +21,10 @@ pub struct Condition {
     pub flat: usize,
     /// Triangles with the same corners as an earlier one, which stands for them.
     pub coinciding: usize,
+    /// Spheres equal to an earlier one, which stands for them.
+    pub coinciding_spheres: usize,
+    /// Objects that lie in one exact plane, with one another, a light or the eye.
+    pub shared: SharedPlanes,
     /// Planes that are the same surface as an earlier one, or within 1e-9 of the reach of it.
     pub near_planes: usize,
     /// Whether boxes are kept as f32, and what share of objects would outgrow such boxes.
@@ -55,8 +60,8 @@ impl PreparedScene {
             .map(|s| 2.0 * s.r)
             .fold((least, most), |(least, most), d| (least.min(d), most.max(d)));
         let (reach, kept) = match &self.boxes {
-            Boxes::Single(wide) => (wide.reach(), wide.ids[0].len()),
-            Boxes::Double(wide) => (wide.reach(), wide.ids[0].len()),
+            Boxes::Single(wide) => (wide.reach(), wide.ids.each_ref().map(Vec::len)),
+            Boxes::Double(wide) => (wide.reach(), wide.ids.each_ref().map(Vec::len)),
         };
         let near_planes = self.near_planes(reach);
         Condition {
@@ -65,7 +70,9 @@ impl PreparedScene {
             sizes: (most > 0.0).then(|| (world(least), world(most))),
             slivers: slivers - self.flat.min(slivers),
             flat: self.flat,
-            coinciding: scene.triangles().len() - self.flat - kept,
+            coinciding: scene.triangles().len() - self.flat - kept[0],
+            coinciding_spheres: scene.spheres().len() - kept[1],
+            shared: self.shared_planes(),
             near_planes,
             single_boxes: matches!(self.boxes, Boxes::Single(_)),
             outgrown: self.outgrown,

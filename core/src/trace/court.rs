@@ -5,10 +5,11 @@ use glam::{DVec2, DVec3};
 use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
 use super::double::DoublePath;
-use super::prepared::PreparedScene;
+use super::proof::{Point, Proof};
 use super::shade::Place;
 use super::{Tracer, texture};
 use crate::geometry::{ObjectId, V3};
+use crate::precise::Vector;
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {
@@ -80,7 +81,10 @@ pub(crate) struct Case<'a> {
 /// A question about a path, put at one width.
 trait Question {
     type Answer;
+    /// By numbers and the bounds that the arbiter derives.
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure>;
+    /// By numbers that prove what is zero.
+    fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Self::Answer, Unsure>;
 }
 
 /// Which of some objects the path meets next.
@@ -91,6 +95,9 @@ impl Question for Closest<'_> {
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Option<Decision>, Unsure> {
         let found = arbiter::closest(&case.tracer.prepared, path.ray(case)?, self.0.iter().copied())?;
         Ok(found.map(|(decision, _)| decision))
+    }
+    fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Option<Decision>, Unsure> {
+        Proof::<N>::new(case, self.0, &[])?.closest(self.0)
     }
 }
 
@@ -107,6 +114,10 @@ impl Question for Occluded<'_> {
         let segment = path.hit(case, self.met)?.0.towards(self.light);
         arbiter::occluded(&case.tracer.prepared, &segment, self.candidates.iter().copied())
     }
+    fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<bool, Unsure> {
+        let objects: Vec<_> = self.candidates.iter().copied().chain([self.met.id]).collect();
+        Proof::<N>::new(case, &objects, &[self.light])?.occluded(self.met, self.light, self.candidates)
+    }
 }
 
 /// The point met, and the direction mirrored there if that is `mirrored` on.
@@ -115,56 +126,58 @@ struct Hit {
     mirrored: bool,
 }
 
-/// A point that the path meets, of the width that knew it.
-#[expect(clippy::large_enum_variant, reason = "the large one is the common one: only the other is worth a box")]
-pub(crate) enum WideHit {
-    First(ExactHit<FIRST>),
-    Last(Box<ExactHit<LAST>>),
+/// What is seen of a place whose rounding would be too much for what is computed from it.
+#[derive(Debug)]
+pub(crate) struct Values {
+    /// n · l towards each light of the scene.
+    pub(crate) cosines: Vec<f64>,
+    /// Where a picture is read there, if one is.
+    pub(crate) uv: DVec2,
 }
 
-/// Does the same with a hit of either width.
-macro_rules! either {
-    ($wide:expr, $hit:ident => $e:expr) => {
-        match $wide {
-            WideHit::First($hit) => $e,
-            WideHit::Last($hit) => $e,
-        }
-    };
-}
-
-impl WideHit {
-    /// The unit normal, turned to the side the ray strikes.
-    pub(crate) fn normal(&self) -> DVec3 {
-        either!(self, hit => hit.normal())
-    }
-
-    /// The cosine towards `light`, a world point.
-    pub(crate) fn cosine(&self, light: DVec3) -> f64 {
-        either!(self, hit => hit.cosine(light))
-    }
-
-    /// The point in local space.
-    pub(crate) fn place(&self, tracer: &Tracer) -> DVec3 {
-        let PreparedScene { local, scene, .. } = &*tracer.prepared;
-        either!(self, hit => arbiter::to_local(local, scene, &hit.p))
-    }
-
-    /// Where a picture is read there.
-    pub(crate) fn coordinates(&self, tracer: &Tracer) -> DVec2 {
-        either!(self, hit => texture::exact_coordinates(&tracer.prepared.scene, &tracer.mappings, hit))
+impl Hit {
+    /// What is seen at `hit`, met along `d`; `proof` knows exact events there.
+    fn seen<const N: usize>(
+        &self,
+        case: &Case<'_>,
+        hit: &ExactHit<N>,
+        d: &Vector<N>,
+        proof: Option<(&Proof<'_, N>, &Point<N>)>,
+    ) -> Result<Refined, Unsure> {
+        let tracer = case.tracer;
+        let scene = &tracer.prepared.scene;
+        let (p, n) = (hit.to_local(&tracer.prepared.local, scene)?, hit.normal()?);
+        let is_at = |light| proof.map_or(Err(Unsure), |(proof, point)| proof.is_at(point, light));
+        let cosine = |&light: &DVec3| match hit.cosine(light) {
+            Err(Unsure) if is_at(light)? => Ok(0.0),
+            known => known,
+        };
+        let cosines = scene.lights().iter().map(cosine).collect::<Result<_, _>>()?;
+        let pictured = tracer.is_pictured(self.met.id.0);
+        let uv = match pictured.then(|| texture::exact_coordinates(scene, &tracer.mappings, hit)) {
+            Some(Err(Unsure)) => {
+                let (proof, point) = proof.ok_or(Unsure)?;
+                texture::pole(proof.at_pole(point, self.met)?)
+            }
+            Some(Ok(uv)) => uv,
+            None => DVec2::ZERO,
+        };
+        let mirrored = if self.mirrored { hit.mirrored(d)? } else { DVec3::ZERO };
+        let place = Place::rounded(V3::splat(p), V3::splat(n));
+        Ok(Refined { place, mirrored, hit: Some(Values { cosines, uv }) })
     }
 }
 
 impl Question for Hit {
-    type Answer = (WideHit, DVec3);
-    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure> {
+    type Answer = Refined;
+    fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Refined, Unsure> {
         let (hit, ray) = path.hit(case, self.met)?;
-        if !hit.is_known() {
-            return Err(Unsure);
-        }
-        let d = if self.mirrored { hit.reflect(&ray.d).d.to_f64() } else { DVec3::ZERO };
-        let hit = if N == FIRST { WideHit::First(hit.resize()) } else { WideHit::Last(Box::new(hit.resize())) };
-        Ok((hit, d))
+        self.seen(case, hit, &ray.d, None)
+    }
+    fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Refined, Unsure> {
+        let mut proof = Proof::<N>::new(case, &[self.met.id], case.tracer.prepared.scene.lights())?;
+        let (hit, d, point) = proof.hit(self.met)?;
+        self.seen(case, &hit, &d, Some((&proof, &point)))
     }
 }
 
@@ -173,9 +186,14 @@ pub(crate) struct Refined {
     pub(crate) place: Place,
     /// The direction mirrored there, where it was asked for; rounded.
     pub(crate) mirrored: DVec3,
-    /// The place itself, where its rounding would be too much for what is computed from it.
-    pub(crate) hit: Option<WideHit>,
+    /// What is seen there, where the rounded place would not do.
+    pub(crate) hit: Option<Values>,
 }
+
+/// Limbs of the numbers in which what is zero is proven, and the longest trails they are tried for.
+///
+/// Wider ones are dear, and after many mirrors no width would do.
+const PROOFS: [(usize, usize); 4] = [(8, 4), (32, 12), (128, 6), (512, 3)];
 
 /// The path in double-double and at both widths, each as far as it was needed.
 #[derive(Default)]
@@ -195,14 +213,27 @@ impl Court {
     }
 
     fn ask<Q: Question>(&mut self, case: &Case<'_>, question: &Q) -> Option<Q::Answer> {
-        let Case { tracer, point, .. } = *case;
+        let Case { tracer, point, trail } = *case;
         let first = self.first.get_or_insert_with(|| ExactPath::new(0, tracer.frame.exact_ray(point)));
         if let Ok(answer) = question.ask(case, first) {
+            return Some(answer);
+        }
+        // What is open may be an exact event: short numbers show that at once.
+        let within = PROOFS.map(|(_, longest)| trail.len() <= longest);
+        if within[0]
+            && let Ok(answer) = question.prove::<{ PROOFS[0].0 }>(case)
+        {
             return Some(answer);
         }
         let last = self.last.get_or_insert_with(|| Box::new(ExactPath::new(0, tracer.frame.exact_ray(point))));
         if let Ok(answer) = question.ask(case, &mut **last) {
             return Some(answer);
+        }
+        let proven = within[1].then(|| question.prove::<{ PROOFS[1].0 }>(case).ok()).flatten();
+        let proven = proven.or_else(|| within[2].then(|| question.prove::<{ PROOFS[2].0 }>(case).ok()).flatten());
+        let proven = proven.or_else(|| within[3].then(|| question.prove::<{ PROOFS[3].0 }>(case).ok()).flatten());
+        if proven.is_some() {
+            return proven;
         }
         self.unresolved = true;
         let answer = if last.lost {
@@ -215,11 +246,20 @@ impl Court {
 
     /// Which of `candidates` the path meets next.
     pub(crate) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Decision> {
+        let double = self.double.get_or_insert_with(|| DoublePath::new(case));
+        if let Some(answer) = double.closest(case, candidates) {
+            return answer;
+        }
         self.ask(case, &Closest(candidates)).flatten()
     }
 
-    /// Whether one of `candidates` stands between the point met and `light`.
-    pub(crate) fn occluded(&mut self, case: &Case<'_>, met: Decision, light: DVec3, candidates: &[ObjectId]) -> bool {
+    /// Whether one of `candidates` stands between the point met and the `light`-th light.
+    pub(crate) fn occluded(&mut self, case: &Case<'_>, met: Decision, light: usize, candidates: &[ObjectId]) -> bool {
+        let double = self.double.get_or_insert_with(|| DoublePath::new(case));
+        if let Some(answer) = double.occluded(case, met, light, candidates) {
+            return answer;
+        }
+        let light = case.tracer.prepared.scene.lights()[light];
         self.ask(case, &Occluded { met, light, candidates }).unwrap_or(false)
     }
 
@@ -233,8 +273,6 @@ impl Court {
         {
             return Some(Refined { place, mirrored, hit: None });
         }
-        let (hit, mirrored) = self.ask(case, &Hit { met, mirrored })?;
-        let place = Place::rounded(V3::splat(hit.place(tracer)), V3::splat(hit.normal()));
-        Some(Refined { place, mirrored, hit: Some(hit) })
+        self.ask(case, &Hit { met, mirrored })
     }
 }

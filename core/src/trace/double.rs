@@ -1,6 +1,6 @@
-//! A path followed to twice the digits of f64, for values alone.
+//! A path followed to twice the digits of f64.
 //!
-//! Small curved mirrors far from one another magnify errors by thousands each, so that after a
+//! Most of what f64 leaves open is clear in double-double, by the same tests. Small curved mirrors far from one another magnify errors by thousands each, so that after a
 //! few of them f64 has no digits left while decisions are still clear. The formulas of
 //! `trace::shade` then give the same place in double-double, at a fraction of what the court
 //! takes; what they cannot bound tightly enough goes there.
@@ -11,7 +11,7 @@ use super::arbiter::Decision;
 use super::court::Case;
 use super::shade::{self, Place};
 use crate::geometry::local::DoubleObject;
-use crate::geometry::{DoubleDouble, Ray, Real, U};
+use crate::geometry::{DoubleDouble, ObjectId, Ray, Real, Span, U, plane, sphere, triangle};
 
 /// Longer paths are left to the court, which remembers how far it has followed them.
 const SHORT: usize = 8;
@@ -34,6 +34,20 @@ impl DoublePath {
     /// Where the path of `case`, which is this one, meets `met`, right to the last digits of f64, and the
     /// direction mirrored there.
     pub(super) fn place(&mut self, case: &Case<'_>, met: Decision) -> Option<(Place, DVec3)> {
+        self.follow(case)?;
+        let place = self.meet(case, met)?;
+        let mirrored = shade::reflect(&self.ray, &place);
+        let p = place.p.to_f64();
+        // Rounding to f64 loses half a unit of each coordinate; what was lost before must be no more.
+        let known = place.ep.hi <= U * p.norm1() && place.en.hi <= U && mirrored.ed.hi <= U;
+        known.then(|| {
+            let place = Place { p, ep: 4.0 * U * p.norm1(), n: place.n.to_f64(), en: 4.0 * U };
+            (place, mirrored.d.to_f64().to_dvec3())
+        })
+    }
+
+    /// Follows the trail to its end.
+    fn follow(&mut self, case: &Case<'_>) -> Option<()> {
         if case.trail.len() > SHORT {
             return None;
         }
@@ -44,15 +58,54 @@ impl DoublePath {
             self.met = None;
             self.done += 1;
         }
+        Some(())
+    }
+
+    /// Which of `candidates` the path surely meets next, or that it meets none; `None` where that is not sure.
+    pub(super) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Option<Decision>> {
+        self.follow(case)?;
+        let mut found = Vec::with_capacity(candidates.len());
+        for &id in candidates {
+            if let Some(span) = test(case, &self.ray, id, self.from)? {
+                found.push((id, span));
+            }
+        }
+        let bound = found.iter().filter(|(_, s)| s.sure).map(|(_, s)| s.hi).reduce(Real::min);
+        if let Some(bound) = bound {
+            found.retain(|(_, s)| !(s.lo > bound));
+        }
+        case.tracer.prepared.drop_covered(&mut found);
+        match found[..] {
+            [] => Some(None),
+            [(id, Span { sure: true, inside, .. })] => Some(Some(Decision { id, inside })),
+            _ => None,
+        }
+    }
+
+    /// Whether one of `candidates` surely stands between the point of `met` and the `light`-th light, or none
+    /// does; `None` where that is not sure.
+    pub(super) fn occluded(
+        &mut self,
+        case: &Case<'_>,
+        met: Decision,
+        light: usize,
+        candidates: &[ObjectId],
+    ) -> Option<bool> {
+        self.follow(case)?;
         let place = self.meet(case, met)?;
-        let mirrored = shade::reflect(&self.ray, &place);
-        let p = place.p.to_f64();
-        // Rounding to f64 loses half a unit of each coordinate; what was lost before must be no more.
-        let known = place.ep.hi <= U * p.norm1() && place.en.hi <= U && mirrored.ed.hi <= U;
-        known.then(|| {
-            let place = Place { p, ep: 4.0 * U * p.norm1(), n: place.n.to_f64(), en: 4.0 * U };
-            (place, mirrored.d.to_f64().to_dvec3())
-        })
+        let prepared = &case.tracer.prepared;
+        let light = prepared.local.double_light(&prepared.scene, light)?;
+        let ray = shade::towards(&place, light, light - place.p);
+        let one = DoubleDouble::splat(1.0);
+        let mut open = false;
+        for &id in candidates {
+            match test(case, &ray, id, Some(met))? {
+                Some(span) if span.sure && span.hi < one => return Some(true),
+                Some(span) => open |= !(span.lo > one),
+                None => {}
+            }
+        }
+        (!open).then_some(false)
     }
 
     fn meet(&mut self, case: &Case<'_>, decision: Decision) -> Option<Place<DoubleDouble>> {
@@ -65,6 +118,24 @@ impl DoublePath {
         self.met = Some((decision, place));
         Some(place)
     }
+}
+
+/// Where `ray`, which starts on `from`, may meet object `id`; `None` where its numbers are too large.
+fn test(
+    case: &Case<'_>,
+    ray: &Ray<DoubleDouble>,
+    id: ObjectId,
+    from: Option<Decision>,
+) -> Option<Option<Span<DoubleDouble>>> {
+    let prepared = &case.tracer.prepared;
+    let own = from.filter(|f| f.id == id);
+    Some(match (prepared.local.double(&prepared.scene, id)?, own) {
+        (DoubleObject::Sphere(sphere), Some(own)) if own.inside => sphere::test_from_inside(ray, &sphere),
+        (_, Some(_)) => None,
+        (DoubleObject::Plane(plane), _) => plane::test(ray, &plane),
+        (DoubleObject::Triangle(triangle), _) => triangle::test(ray, &triangle),
+        (DoubleObject::Sphere(sphere), _) => sphere::test(ray, &sphere),
+    })
 }
 
 fn meet(

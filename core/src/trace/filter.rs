@@ -3,9 +3,9 @@
 //! Rounding to f32 is covered by the bounds of `trace::packet`, which hold for values within 2⁻²⁴ of
 //! local space.
 
-use super::packet::Leaves;
+use super::packet::{Leaves, U32};
 use crate::bvh::{Boxes, Coordinate};
-use crate::geometry::{Local, V3};
+use crate::geometry::{Local, U, V3};
 use crate::scene::Scene;
 
 /// Numbers of a triangle, as linear functions of a point P: the unit normal n and n · c0; u and u0,
@@ -17,11 +17,19 @@ pub(crate) const TRIANGLE: usize = 15;
 /// id's bits.
 pub(crate) const SPHERE: usize = 6;
 
+/// Squares of lesser radii, and what they are rounded by, are not for f32.
+const LEAST_RADIUS: f64 = 1e-15;
+
+/// A quarter of what f32 rounds by.
+const SINGLE: f64 = U32 as f64 / 4.0;
+
 /// A plane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FlatPlane {
     pub(crate) n: [f32; 3],
     pub(crate) h: f32,
+    /// Whether it passes exactly through the eye, from where it is not seen then.
+    pub(crate) through_eye: bool,
 }
 
 /// What packets meet.
@@ -38,6 +46,9 @@ fn single(v: V3<f64>) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
+/// What corners may be misplaced by, and products of sides rounded by, as shares of the greatest of each.
+const ROUNDED: f64 = 32.0 * U;
+
 fn triangle(corners: [V3<f64>; 3], id: u32) -> [f32; TRIANGLE] {
     let [a, b, c] = corners;
     let (e1, e2) = (b - a, c - a);
@@ -50,7 +61,10 @@ fn triangle(corners: [V3<f64>; 3], id: u32) -> [f32; TRIANGLE] {
     let slope = ((length(u) + length(v)) * (1.0 + 1e-6)) as f32;
     let reach = (corners.into_iter().map(length).fold(0.0, f64::max) * (1.0 + 1e-6)) as f32;
     let id = f32::from_tag(id);
-    let sound = slope < 1e30 && unit.norm1() > 0.5;
+    // The normal of a needle has lost what its sides have in common.
+    let side = e1.norm1() + e2.norm1();
+    let lost = ROUNDED * side * (side + a.norm1());
+    let sound = slope < 1e25 && unit.norm1() > 0.5 && lost < SINGLE * nn.sqrt();
     if !sound {
         // No weight of it is sure or misses: such a triangle is always asked about in f64.
         return [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, f32::INFINITY, reach, id];
@@ -70,11 +84,17 @@ impl Filter {
         let triangle = |id| triangle(local.triangle(&scene.triangles()[(id - first_triangle) as usize]).v, id);
         let sphere = |id| {
             let s = &local.spheres[(id - first) as usize];
-            let reach = ((s.c.dot(s.c).sqrt() + s.r) * (1.0 + 1e-6)) as f32;
+            let sound = s.r > LEAST_RADIUS;
+            // Of a sphere that is met within any distance, nothing is sure in f32.
+            let reach = if sound { ((s.c.dot(s.c).sqrt() + s.r) * (1.0 + 1e-6)) as f32 } else { f32::INFINITY };
             let [x, y, z] = single(s.c);
             [x, y, z, s.r as f32, reach, f32::from_tag(id)]
         };
-        let plane = |p: &crate::geometry::plane::LocalPlane| FlatPlane { n: single(p.n), h: p.h as f32 };
+        let plane = |p: &crate::geometry::plane::LocalPlane| FlatPlane {
+            n: single(p.n),
+            h: p.h as f32,
+            through_eye: p.h == 0.0,
+        };
         let planes: Vec<_> = local.planes.iter().map(plane).collect();
         // Planes and lights beyond what f32 can square need f64 throughout.
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);

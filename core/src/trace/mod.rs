@@ -3,12 +3,14 @@
 pub(crate) mod arbiter;
 mod camera;
 mod condition;
+mod coplanar;
 mod court;
 mod double;
 mod filter;
 mod packet;
 mod path;
 mod prepared;
+mod proof;
 mod query;
 mod shade;
 pub(crate) mod texture;
@@ -21,6 +23,7 @@ use rayon::prelude::*;
 
 pub use camera::PlanePoint;
 pub use condition::Condition;
+pub use coplanar::SharedPlanes;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::transfer::to_linear;

@@ -75,7 +75,7 @@ impl Tracer {
                     refined = court.place(&case, decision, throughput, goes_on);
                 }
                 if let Some(Refined { hit: Some(hit), .. }) = &refined {
-                    uv = hit.coordinates(self);
+                    uv = hit.uv;
                 }
                 color *= self.picture_color(picture, uv, decision.id);
             }
@@ -89,7 +89,7 @@ impl Tracer {
                     let light = V3::splat(light);
                     let incidence = shade::incidence(&place, light);
                     let cosine = match &refined {
-                        Some(Refined { hit: Some(hit), .. }) => hit.cosine(scene.lights()[k]),
+                        Some(Refined { hit: Some(hit), .. }) => hit.cosines[k],
                         _ => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
@@ -97,14 +97,14 @@ impl Tracer {
                     }
                     counts.shadow += 1;
                     let shadow = shade::towards(&place, light, incidence.l);
-                    let blocked = match self.prepared.occluded(&shadow, Some(decision), query) {
+                    let blocked = match self.prepared.occluded(&shadow, Some(decision), Some(k), query) {
                         Occluded::No => false,
                         Occluded::Yes => true,
                         Occluded::Doubt if !refines => query.likely_occluded(),
                         Occluded::Doubt => {
                             counts.refined += 1;
                             let candidates: Vec<_> = query.candidates().collect();
-                            court.occluded(&case, decision, scene.lights()[k], &candidates)
+                            court.occluded(&case, decision, k, &candidates)
                         }
                     };
                     if !blocked {
@@ -151,7 +151,8 @@ impl Tracer {
     /// Whether the values at `place` may be too far from the real ones for a picture.
     pub(super) fn too_wide(&self, place: &Place, throughput: f64) -> bool {
         let lights = &self.prepared.local.lights;
-        let nearest = lights.iter().fold(f64::INFINITY, |d, &l| shade::nearer(d, place, V3::splat(l)));
+        let first = self.prepared.local.nearest_light_at_first();
+        let nearest = lights.iter().fold(first, |d, &l| shade::nearer(d, place, V3::splat(l)));
         !(shade::excess(place, nearest, throughput) <= 0.0)
     }
 }

@@ -6,14 +6,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{self, ExactPlanes, ExactRay, FIRST, LAST, Unsure};
+use super::arbiter::{ExactPlanes, FIRST};
+use super::coplanar::Coplanar;
 use super::filter::Filter;
+use super::proof;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Builder, Coordinate, Item, Wide};
-use crate::geometry::local::surface_and_order;
-use crate::geometry::{Aabb, Local, ObjectId, Ray, U, V3};
-use crate::precise::{Bound, Vector, zero_area};
-use crate::scene::{Scene, Triangle};
+use crate::geometry::local::{Kind, kind, surface_and_order};
+use crate::geometry::{Aabb, Local, ObjectId, Ray, TINY, U, V3};
+use crate::precise::{Vector, zero_area};
+use crate::scene::Scene;
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -26,6 +28,8 @@ pub struct PreparedScene {
     pub(crate) filter: Option<Filter>,
     /// The planes in wide numbers.
     pub(crate) exact_planes: Vec<ExactPlanes>,
+    /// Which objects lie in one plane.
+    pub(crate) coplanar: Coplanar,
     /// Share of objects whose boxes f32 would enlarge noticeably.
     pub(crate) outgrown: f64,
     /// Triangles of exactly no area.
@@ -52,7 +56,8 @@ impl PreparedScene {
         let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
         let filter = Filter::new(&scene, &local, &boxes);
         let exact_planes = scene.planes().iter().map(ExactPlanes::new).collect();
-        Self { scene, local, boxes, filter, exact_planes, outgrown, flat }
+        let coplanar = Coplanar::new(&scene, &local);
+        Self { scene, local, boxes, filter, exact_planes, coplanar, outgrown, flat }
     }
 
     /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
@@ -64,14 +69,7 @@ impl PreparedScene {
             }
         });
         let first_triangle = (scene.planes().len() + scene.spheres().len()) as u32;
-        let hidden = |a: u32, b: u32| {
-            b < a
-                && b >= first_triangle
-                && coincide(
-                    &scene.triangles()[(a - first_triangle) as usize],
-                    &scene.triangles()[(b - first_triangle) as usize],
-                )
-        };
+        let hidden = |a: u32, b: u32| b < a && coincide(scene, ObjectId(a), ObjectId(b));
         let builder = Builder::new(first_triangle, singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
@@ -96,34 +94,17 @@ impl PreparedScene {
         let d = Vector::<FIRST>::new(direction);
         let d = d.scale(-d.exponent()).to_f64();
         let o = self.local.point(origin);
-        let ray = Ray::new(V3::splat(o), V3::splat(d), 2.0 * U * o.abs().element_sum(), 4.0 * U);
+        // Not exactly at the eye, even where it is rounded to there.
+        let eo = 2.0 * U * o.abs().element_sum() + TINY;
+        let ray = Ray::new(V3::splat(o), V3::splat(d), eo, 4.0 * U);
         let mut scratch = Scratch::default();
         let candidates: Vec<_> = match self.closest(&ray, None, &mut scratch) {
             Closest::Nothing => return None,
             Closest::Sure(decision) => vec![decision.id],
             Closest::Doubt => scratch.candidates().collect(),
         };
-        let (id, t) = self
-            .exactly::<FIRST>(origin, direction, &candidates)
-            .or_else(|Unsure| self.exactly::<LAST>(origin, direction, &candidates))
-            .ok()??;
+        let (id, t) = proof::closest_hit(&self.scene, origin, direction, &candidates)??;
         Some(RayHit { order: surface_and_order(&self.scene, id).1, t })
-    }
-
-    fn exactly<const N: usize>(
-        &self,
-        origin: DVec3,
-        direction: DVec3,
-        candidates: &[ObjectId],
-    ) -> Result<Option<(ObjectId, f64)>, Unsure> {
-        let ask = |ray: ExactRay<N>| -> Result<Option<(ObjectId, f64)>, Unsure> {
-            match arbiter::closest(self, &ray, candidates.iter().copied())? {
-                Some((decision, distance)) => Ok(Some((decision.id, distance.to_f64()?))),
-                None => Ok(None),
-            }
-        };
-        let ray = ExactRay::new(origin, Vector::new(direction), Bound::ZERO);
-        ask(ray).or_else(|unsure| if N == LAST { ask(ray.taken_as_it_is()) } else { Err(unsure) })
     }
 
     /// Whether an object meets the open segment between two points of world space, exactly.
@@ -135,14 +116,12 @@ impl PreparedScene {
         let len = d.length();
         let ray = Ray::new(V3::splat(a), V3::splat(d), 2.0 * e, 4.0 * U + e / len);
         let mut scratch = Scratch::default();
-        match self.occluded(&ray, None, &mut scratch) {
+        match self.occluded(&ray, None, None, &mut scratch) {
             Occluded::No => false,
             Occluded::Yes => true,
             Occluded::Doubt => {
-                let d = Vector::new(to) - Vector::new(from);
-                let exact = ExactRay::<LAST>::new(from, d, Bound::ZERO);
-                let ask = |ray| arbiter::occluded(self, &ray, scratch.candidates());
-                ask(exact).or_else(|Unsure| ask(exact.taken_as_it_is())).unwrap_or(false)
+                let candidates: Vec<_> = scratch.candidates().collect();
+                proof::is_between(&self.scene, [from, to], &candidates).unwrap_or(false)
             }
         }
     }
@@ -156,13 +135,24 @@ fn grows(b: &Aabb) -> bool {
     !(perimeter(lo, hi) <= 1.5 * perimeter(b.lo, b.hi))
 }
 
-/// Whether two triangles have the same corners: the first of them in the document is what is
-/// met where either is, at the very same distance, so that the other never matters.
-fn coincide(a: &Triangle, b: &Triangle) -> bool {
-    !a.by_sides()
-        && !b.by_sides()
-        && a.written.iter().all(|v| b.written.contains(v))
-        && b.written.iter().all(|v| a.written.contains(v))
+/// Whether two objects are the same sphere, or triangles with the same corners: the first of them in the
+/// document is what is met where either is, at the very same distance, so that the other never matters.
+fn coincide(scene: &Scene, a: ObjectId, b: ObjectId) -> bool {
+    match (kind(scene, a), kind(scene, b)) {
+        (Kind::Sphere(i), Kind::Sphere(j)) => {
+            let (a, b) = (&scene.spheres()[i], &scene.spheres()[j]);
+            a.center == b.center && a.radius == b.radius
+        }
+        (Kind::Triangle(i), Kind::Triangle(j)) => {
+            let (a, b) = (&scene.triangles()[i], &scene.triangles()[j]);
+            match (a.exact_corners(), b.exact_corners()) {
+                (Some(a), Some(b)) => a.iter().all(|v| b.contains(v)) && b.iter().all(|v| a.contains(v)),
+                (None, None) => a.written == b.written,
+                _ => false,
+            }
+        }
+        _ => false,
+    }
 }
 
 /// The boxes of all spheres and of all triangles with an area, and how many have none. `see` is

@@ -5,7 +5,7 @@ use super::arbiter::Decision;
 use super::prepared::PreparedScene;
 use crate::bvh::{Boxes, Coordinate, Link, WIDTH, Wide};
 use crate::geometry::local::surface_and_order;
-use crate::geometry::{ObjectId, Ray, Span, TINY, U, plane, sphere, triangle};
+use crate::geometry::{ObjectId, Ray, Scalar, Span, TINY, U, plane, sphere, triangle};
 use crate::scene::SurfaceId;
 
 /// What is met first.
@@ -93,7 +93,14 @@ impl Slabs {
 }
 
 impl PreparedScene {
+    /// Where `ray`, which starts on `from`, may meet object `id`.
     fn test(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
+        let span = self.test_alone(ray, id, from)?;
+        let known = !span.sure && self.starts_in_plane(from, ray.starts_at_origin(), id);
+        (!known).then_some(span)
+    }
+
+    fn test_alone(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
         let own = from.filter(|f| f.id == id);
         let (planes, spheres) = (self.local.planes.len(), self.local.spheres.len());
         let i = id.0 as usize;
@@ -205,7 +212,7 @@ impl PreparedScene {
             found.push((id, span));
             false
         });
-        Self::nearest(found, bound)
+        self.nearest(found, bound)
     }
 
     /// As [`Self::closest`], among `ids` alone.
@@ -220,11 +227,14 @@ impl PreparedScene {
         found.clear();
         found.extend(ids.filter_map(|id| Some((id, self.test(ray, id, from)?))));
         let bound = found.iter().filter(|(_, s)| s.sure).map(|(_, s)| s.hi).fold(f64::INFINITY, f64::min);
-        Self::nearest(found, bound)
+        self.nearest(found, bound)
     }
 
-    fn nearest(found: &mut Vec<(ObjectId, Span)>, bound: f64) -> Closest {
+    fn nearest(&self, found: &mut Vec<(ObjectId, Span)>, bound: f64) -> Closest {
         found.retain(|(_, s)| s.lo <= bound);
+        if found.len() > 1 {
+            self.drop_covered(found);
+        }
         match found[..] {
             [] => Closest::Nothing,
             [(id, Span { sure: true, inside, .. })] => Closest::Sure(Decision { id, inside }),
@@ -232,13 +242,35 @@ impl PreparedScene {
         }
     }
 
-    /// Whether anything meets the open segment from `ray.o`, on `from`, to `ray.o + ray.d`.
-    pub(crate) fn occluded(&self, ray: &Ray, from: Option<Decision>, scratch: &mut Scratch) -> Occluded {
+    /// Drops what lies in one plane with something that is surely met and comes first in the document: both are
+    /// met at one distance, if they are.
+    pub(super) fn drop_covered<R: Scalar>(&self, found: &mut Vec<(ObjectId, Span<R>)>) {
+        let order = |id| surface_and_order(&self.scene, id).1;
+        for i in (0..found.len()).rev() {
+            let (id, _) = found[i];
+            let covers = |&(other, span): &(ObjectId, Span<R>)| {
+                span.sure && other != id && order(other) < order(id) && self.are_coplanar(other, id)
+            };
+            if found.iter().any(covers) {
+                found.swap_remove(i);
+            }
+        }
+    }
+
+    /// Whether anything meets the open segment from `ray.o`, on `from`, to `ray.o + ray.d`, the place of the
+    /// `light`-th light if it is one.
+    pub(crate) fn occluded(
+        &self,
+        ray: &Ray,
+        from: Option<Decision>,
+        light: Option<usize>,
+        scratch: &mut Scratch,
+    ) -> Occluded {
         let Scratch { found, stack } = scratch;
         found.clear();
         let mut bound = 1.0;
         let blocked = self.walk(ray, from, &mut bound, stack, &mut |id, span, _| blocks(id, span, found));
-        occlusion(blocked, found)
+        self.occlusion(blocked, from, light, found)
     }
 
     /// As [`Self::occluded`], among `ids` alone.
@@ -246,6 +278,7 @@ impl PreparedScene {
         &self,
         ray: &Ray,
         from: Option<Decision>,
+        light: Option<usize>,
         ids: impl Iterator<Item = ObjectId>,
         scratch: &mut Scratch,
     ) -> Occluded {
@@ -253,7 +286,31 @@ impl PreparedScene {
         found.clear();
         let mut ids = ids;
         let blocked = ids.any(|id| self.test(ray, id, from).is_some_and(|span| blocks(id, span, found)));
-        occlusion(blocked, found)
+        self.occlusion(blocked, from, light, found)
+    }
+
+    /// What was found of a segment, less what is known of the planes that hold its light.
+    fn occlusion(
+        &self,
+        blocked: bool,
+        from: Option<Decision>,
+        light: Option<usize>,
+        found: &mut Vec<(ObjectId, Span)>,
+    ) -> Occluded {
+        if blocked {
+            return Occluded::Yes;
+        }
+        if let Some(light) = light
+            && !found.is_empty()
+        {
+            // Such a plane is met where the segment ends.
+            found.retain(|&(id, _)| !self.has_light_in_plane(id, light));
+            // A light in the plane of a surface does not light it.
+            if from.is_some_and(|f| self.has_light_in_plane(f.id, light)) {
+                return Occluded::Yes;
+            }
+        }
+        if found.is_empty() { Occluded::No } else { Occluded::Doubt }
     }
 
     /// The object's surface.
@@ -271,12 +328,4 @@ fn blocks(id: ObjectId, span: Span, found: &mut Vec<(ObjectId, Span)>) -> bool {
         found.push((id, span));
     }
     false
-}
-
-fn occlusion(blocked: bool, found: &[(ObjectId, Span)]) -> Occluded {
-    match (blocked, found.is_empty()) {
-        (true, _) => Occluded::Yes,
-        (false, true) => Occluded::No,
-        (false, false) => Occluded::Doubt,
-    }
 }

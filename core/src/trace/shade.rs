@@ -1,6 +1,7 @@
 //! Where a ray meets what it is known to meet, and how light falls there: in f64, the same
 //! operations for one lane or many, each value with a bound on its error.
 
+use crate::geometry::local::FAR;
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
@@ -70,10 +71,13 @@ pub(crate) fn on_plane<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> Place<R>
 #[inline(always)]
 pub(crate) fn on_triangle<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Place<R> {
     let f = triangle::forms(ray, tri);
-    let length = f.n.dot(f.n).sqrt();
+    let nn = f.n.dot(f.n);
+    let length = nn.sqrt();
     let (p, ep) = point(ray, f.t, f.et);
     // A corner moved turns the normal by as much over the triangle's height.
     let en = (f.corner_error * f.longest * R::splat(4.0) + R::splat(16.0 * R::U) * f.longest * f.longest) / length;
+    // A square that is next to nothing has lost its digits.
+    let en = (nn - R::splat(LEAST_SQUARE)).if_positive(en, R::splat(f64::INFINITY));
     Place { p, ep, n: against(ray, f.n * (R::splat(1.0) / length)), en }
 }
 
@@ -120,7 +124,10 @@ pub(crate) fn excess<R: Real>(place: &Place<R>, nearest: R, throughput: R) -> R 
     let distance = nearest.min(R::splat(f64::MAX)).sqrt();
     let effect = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
     let stray = place.ep - R::splat(PLACE) * (R::splat(1.0) + place.p.norm1());
-    effect.max(stray).max(place.en - R::splat(NORMAL)).max(R::splat(LEAST_SQUARE) - nearest)
+    let (bent, near) = (place.en - R::splat(NORMAL), R::splat(LEAST_SQUARE) - nearest);
+    // In this order, a maximum keeps what is not a number, and so does a sum.
+    let zero = R::splat(0.0);
+    zero.max(effect) + zero.max(stray) + (zero.max(bent) + zero.max(near)) + zero.max(place.p.norm1() - R::splat(FAR))
 }
 
 /// The segment from `place` to `light` as a ray of length 1.

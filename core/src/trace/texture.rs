@@ -2,11 +2,11 @@
 
 use glam::{DVec2, DVec3};
 
-use super::arbiter::{Decision, ExactHit, FIRST, LAST};
+use super::arbiter::{Decision, ExactHit, LAST, largest, size};
 use super::shade::Place;
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Local, ObjectId, Ray, U, triangle};
-use crate::precise::{Big, Vector};
+use crate::precise::{Big, Bound, Unsure, Vector};
 use crate::scene::{Picture, Pigment, PlanePosition, Scene};
 
 /// The largest misplacement of a picture, in texels, that f64 is trusted with.
@@ -25,19 +25,32 @@ pub(crate) fn wraps(kind: Kind) -> [bool; 2] {
 #[derive(Clone, Debug)]
 pub(crate) struct Mapping {
     id: ObjectId,
-    /// Sphere: unit equator, e × p, and pole. Plane: U, V, and nothing.
+    /// Sphere: unit equator, e × p, and pole. Plane: U, V, and the normal.
     axes: [DVec3; 3],
-    exact: [Vector<LAST>; 2],
+    exact: [Vector<LAST>; 3],
     /// Plane: the picture's origin in world space, and in local space.
     origin: Vector<LAST>,
     local_origin: DVec3,
+}
+
+/// Wide enough that products of four f64s are exact.
+type Exact = Vector<136>;
+
+impl Mapping {
+    /// From axes of any length, found exactly, and an origin.
+    fn new(id: ObjectId, axes: [Exact; 3], origin: Vector<LAST>, local: &Local, scene: &Scene) -> Self {
+        let exact = axes.map(|v| v.resize::<LAST>().normalize());
+        let eye = Vector::new(scene.camera().location());
+        let local_origin = (origin - eye).scale(-i64::from(local.power)).to_f64();
+        Self { id, axes: exact.map(|v| v.to_f64()), exact, origin, local_origin }
+    }
 }
 
 /// Mappings of a scene's pictured spheres and planes, by rising id.
 pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
     let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Picture(_));
     let planes = scene.planes().iter().enumerate().filter(|(_, p)| pictured(p.surface)).map(|(i, p)| {
-        let n = Vector::<LAST>::new(p.normal).normalize();
+        let n = Exact::new(p.normal);
         let size = p.normal.abs();
         // The axis with the least |n·axis|, x before y before z.
         let t = if size.x <= size.y && size.x <= size.z {
@@ -47,29 +60,20 @@ pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
         } else {
             DVec3::Z
         };
-        let u = Vector::new(t).cross(&n).normalize();
+        let u = Exact::new(t).cross(&n);
         let v = n.cross(&u);
         let origin = match p.position {
             PlanePosition::Point(q) => Vector::new(q),
-            PlanePosition::Distance(d) => n * Big::new(d),
+            PlanePosition::Distance(d) => Vector::new(p.normal).normalize() * Big::new(d),
         };
-        let local_origin = super::arbiter::to_local(local, scene, &origin);
-        let axes = [u.to_f64(), v.to_f64(), DVec3::ZERO];
-        Mapping { id: ObjectId(i as u32), axes, exact: [u, v], origin, local_origin }
+        Mapping::new(ObjectId(i as u32), [u, v, n], origin, local, scene)
     });
     let first = scene.planes().len() as u32;
     let spheres = scene.orientations().iter().map(|&(i, o)| {
-        let p = Vector::<FIRST>::new(o.pole).normalize();
-        let e = Vector::new(o.equator);
-        let e = (e - p * e.dot(&p)).normalize();
+        let (p, e) = (Exact::new(o.pole), Exact::new(o.equator));
+        let e = e * p.dot(&p) - p * e.dot(&p);
         let b = e.cross(&p);
-        Mapping {
-            id: ObjectId(first + i),
-            axes: [e.to_f64(), b.to_f64(), p.to_f64()],
-            exact: [Vector::ZERO; 2],
-            origin: Vector::ZERO,
-            local_origin: DVec3::ZERO,
-        }
+        Mapping::new(ObjectId(first + i), [e, b, p], Vector::ZERO, local, scene)
     });
     planes.chain(spheres).collect()
 }
@@ -83,12 +87,22 @@ fn find(mappings: &[Mapping], id: ObjectId) -> &Mapping {
 fn on_sphere(map: &Mapping, m: DVec3) -> (DVec2, f64) {
     let [e, b, p] = map.axes;
     let (x, y, z) = (m.dot(e), m.dot(b), m.dot(p));
-    // atan2 of sine and cosine keeps its accuracy at the poles, where acos loses half of it.
     let sine = (x * x + y * y).sqrt();
+    (globe(x, y, z, sine), sine)
+}
+
+/// (u, v) where the normal is x of the equator, y of e × p and z of the pole; `sine` is √(x² + y²).
+fn globe(x: f64, y: f64, z: f64, sine: f64) -> DVec2 {
+    // atan2 of sine and cosine keeps its accuracy at the poles, where acos loses half of it.
     let angle = libm::atan2(sine, z);
     let turn = libm::atan2(y, x) / std::f64::consts::TAU;
     let u = if turn < 0.0 { turn + 1.0 } else { turn };
-    (DVec2::new(u, 1.0 - angle / std::f64::consts::PI), sine)
+    DVec2::new(u, 1.0 - angle / std::f64::consts::PI)
+}
+
+/// (u, v) at a pole of a sphere: the one that `pole` names, or the other where that is negative.
+pub(crate) fn pole(pole: i32) -> DVec2 {
+    globe(0.0, 0.0, f64::from(pole), 0.0)
 }
 
 /// x − ⌊x⌋ in [0, 1).
@@ -130,28 +144,58 @@ pub(crate) fn coordinates(
     }
 }
 
+/// u and v must be known to this, as a power of two: far below a texel of the largest picture.
+const FINE: i64 = -45;
+
 /// (u, v) at `hit`, from wide arithmetic.
-pub(crate) fn exact_coordinates<const N: usize>(scene: &Scene, mappings: &[Mapping], hit: &ExactHit<N>) -> DVec2 {
+pub(crate) fn exact_coordinates<const N: usize>(
+    scene: &Scene,
+    mappings: &[Mapping],
+    hit: &ExactHit<N>,
+) -> Result<DVec2, Unsure> {
+    // What the axes and operations are rounded by.
+    let rounding = Bound::power(20 - 64 * N.min(LAST) as i64);
+    let check = |error: Bound| if error.exponent() <= FINE { Ok(()) } else { Err(Unsure) };
+    let misplaced = hit.misplaced();
+    // Numbers that are taken as they are know nothing of errors.
+    let taken = misplaced == Bound::ZERO;
     match kind(scene, hit.decision.id) {
         Kind::Sphere(_) => {
-            let m = hit.normal();
-            on_sphere(find(mappings, hit.decision.id), if hit.decision.inside { -m } else { m }).0
+            let (n, bend) = hit.raw_normal();
+            let m = n.normalize();
+            let [x, y, z] = find(mappings, hit.decision.id).exact.each_ref().map(|axis| m.dot(&axis.resize()));
+            let sine = (x * x + y * y).sqrt();
+            if !taken {
+                check((bend + rounding).over(&sine))?;
+            }
+            Ok(globe(x.to_f64(), y.to_f64(), z.to_f64(), sine.to_f64()))
         }
         Kind::Plane(_) => {
             let map = find(mappings, hit.decision.id);
             let at = hit.p - map.origin.resize();
+            if !taken {
+                let reach = size(&hit.p) + size(&map.origin);
+                check(misplaced + reach * rounding)?;
+            }
             let part = |axis: &Vector<LAST>| fraction(at.dot(&axis.resize()).fraction().to_f64());
-            DVec2::new(part(&map.exact[0]), part(&map.exact[1]))
+            Ok(DVec2::new(part(&map.exact[0]), part(&map.exact[1])))
         }
         Kind::Triangle(i) => {
             let t = &scene.triangles()[i];
-            let [a, b, c] = t.written.map(Vector::new);
+            let [a, b, c] = t.written.map(Vector::<N>::new);
             let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
             let (n, at) = (e1.cross(&e2), hit.p - a);
             let nn = n.dot(&n);
             let b1 = at.cross(&e2).dot(&n).over(nn).to_f64();
             let b2 = e1.cross(&at).dot(&n).over(nn).to_f64();
-            DVec2::new(b1.clamp(0.0, 1.0), b2.clamp(0.0, 1.0))
+            if !taken {
+                let sides = size(&e1) + size(&e2);
+                // The normal is rounded by its sides, and turned by that over its length.
+                let bend = (sides * sides * rounding).over(&n.0[largest(&n)]);
+                let moved = misplaced + (size(&hit.p) + size(&a)) * rounding + size(&at) * bend;
+                check((moved * sides * size(&n)).scale(4).over(&nn))?;
+            }
+            Ok(DVec2::new(b1.clamp(0.0, 1.0), b2.clamp(0.0, 1.0)))
         }
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod contact;
 mod document;
+pub mod event;
 pub mod extreme;
 pub mod fine;
 mod mesh;

@@ -122,6 +122,10 @@ trait Visit<S: Simd> {
     fn first(&self) -> Option<Spot> {
         None
     }
+    /// Planes that are known not to matter.
+    fn exempt(&self) -> &[u32] {
+        &[]
+    }
 }
 
 struct Nearest<S: Simd> {
@@ -180,6 +184,7 @@ struct Blocked<'a, S: Simd> {
     active: Mask,
     one: S::Single,
     last: &'a mut Option<Spot>,
+    exempt: &'a [u32],
 }
 
 impl<S: Simd> Visit<S> for Blocked<'_, S> {
@@ -212,6 +217,10 @@ impl<S: Simd> Visit<S> for Blocked<'_, S> {
     fn first(&self) -> Option<Spot> {
         *self.last
     }
+    #[inline(always)]
+    fn exempt(&self) -> &[u32] {
+        self.exempt
+    }
 }
 
 /// Finds what the packet's rays meet first: `out.best` where `out.doubts` names no candidate of the lane,
@@ -232,16 +241,18 @@ pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packe
 }
 
 /// Finds which of the packet's segments [0, 1] are surely blocked; of the others, `out.doubts` names what may block.
-/// What blocked segments `last` is tried first, and is then what did now: neighbours are often in one shadow.
+/// What blocked segments `last` is tried first, and is then what did now: neighbours are often in one shadow. Planes
+/// `exempt` hold the segments' ends.
 #[inline(always)]
 pub(crate) fn blocked<S: Simd>(
     filter: &Filter,
     wide: &Wide<f32>,
     packet: &Packet,
     last: &mut Option<Spot>,
+    exempt: &[u32],
     out: &mut Walk,
 ) -> Mask {
-    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0), last };
+    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0), last, exempt };
     out.doubts.clear();
     walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
     let blocked = packet.active & !visitor.active;

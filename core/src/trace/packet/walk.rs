@@ -10,7 +10,7 @@ use super::alone::Alone;
 use super::beam::{Beam, LEAST_NODES};
 use super::leaf;
 use super::meet::{Apart, Rays, Sphere, Triangle, meet_plane, meet_sphere, meet_triangle};
-use super::{Doubt, INSIDE, Packet, Spot, Visit};
+use super::{Doubt, INSIDE, NONE, Packet, Spot, Visit};
 use crate::bvh::{Child, Coordinate, Link, Node, WIDTH, Wide};
 use crate::simd::{Floats, LANES, Mask, Simd, Single, prefetch};
 use crate::trace::filter::Filter;
@@ -85,7 +85,13 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
     if !filter.planes.is_empty() {
         let ed = S::Single::load(&packet.ed);
         for (k, plane) in filter.planes.iter().enumerate() {
-            let mask = visitor.active() & !S::equal(&packet.own, k as u32);
+            let mut mask = visitor.active() & !S::equal(&packet.own, k as u32);
+            if plane.through_eye {
+                mask &= !S::equal(&packet.own, NONE);
+            }
+            if visitor.exempt().contains(&(k as u32)) {
+                continue;
+            }
             let m = meet_plane(&rays.ray, plane, ed, mask);
             if m.may != 0 {
                 visitor.visit(k as u32, None, m, doubts);

@@ -52,6 +52,7 @@ impl Stage<'_> {
             let light = V3::<S::Double>::splat(light);
             self.facing::<S>(rays, places, k, light, shadows, paths);
             let mut last = shadows.last[k];
+            let exempt = self.tracer.prepared.planes_with_light(k);
             for first in (0..shadows.count).step_by(LANES) {
                 let low = Eight::of(&shadows.at, first, shadows.count);
                 let high = Eight::of(&shadows.at, first + 8, shadows.count);
@@ -61,7 +62,7 @@ impl Stage<'_> {
                 packet.own[8..].copy_from_slice(&high.take(&places.met));
                 let all = ((1u32 << LANES.min(shadows.count - first)) - 1) as u16;
                 packet.active = all & near;
-                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, &mut last, walk);
+                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, &mut last, exempt, walk);
                 for lane in packet::lanes(walk.open(all, near)) {
                     let i = shadows.at[first + lane] as usize;
                     let candidates = walk.doubts_of(lane);

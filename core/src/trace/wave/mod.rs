@@ -10,6 +10,8 @@ mod lanes;
 mod light;
 mod paths;
 mod places;
+#[cfg(test)]
+mod tests;
 
 use std::cell::Cell;
 

@@ -72,13 +72,12 @@ impl Paths<'_> {
     /// Puts what wide arithmetic knows of the cosines towards `light` at places `at` to `at` + 8.
     #[inline(never)]
     pub(super) fn wide_cosines(&self, places: &Places, at: usize, light: usize, cosines: &mut [f64; 8]) {
-        let light = self.tracer.prepared.scene.lights()[light];
         for (lane, cosine) in cosines.iter_mut().enumerate() {
             let refined = places.refined[at + lane] as usize;
             if refined != 0
                 && let Some(hit) = &self.refined_places[refined - 1].hit
             {
-                *cosine = hit.cosine(light);
+                *cosine = hit.cosines[light];
             }
         }
     }
@@ -154,8 +153,11 @@ impl Paths<'_> {
         let ray = places.segment(i, self.tracer, light);
         let met = Decision::of(places.met[i]);
         let occluded = match candidates {
-            Some(ids) => prepared.occluded_among(&ray, met, ids.map(|id| ObjectId(id & !INSIDE)), self.query),
-            None => prepared.occluded(&ray, met, self.query),
+            Some(ids) => {
+                let ids = ids.map(|id| ObjectId(id & !INSIDE));
+                prepared.occluded_among(&ray, met, Some(light), ids, self.query)
+            }
+            None => prepared.occluded(&ray, met, Some(light), self.query),
         };
         match (occluded, met) {
             (Occluded::No, _) | (_, None) => false,
@@ -163,7 +165,6 @@ impl Paths<'_> {
             (Occluded::Doubt, _) if self.tracer.refinement == Refinement::Off => self.query.likely_occluded(),
             (Occluded::Doubt, Some(met)) => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                let light = prepared.scene.lights()[light];
                 self.ask(rays.path[i] as usize, |court, case| court.occluded(case, met, light, &candidates))
             }
         }
@@ -186,8 +187,7 @@ impl Paths<'_> {
         places.set(i, &refined.place);
         let material = tracer.material(met.id);
         if let (Pigment::Picture(picture), Some(hit)) = (material.pigment, &refined.hit) {
-            let uv = hit.coordinates(tracer);
-            let color = material.albedo * tracer.picture_color(picture, uv, met.id);
+            let color = material.albedo * tracer.picture_color(picture, hit.uv, met.id);
             for (to, x) in places.albedo.iter_mut().zip(color.to_array()) {
                 to[i] = x;
             }

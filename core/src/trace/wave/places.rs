@@ -98,7 +98,7 @@ impl Stage<'_> {
     fn refine<S: Simd>(&self, rays: &Rays, places: &mut Places, paths: &mut Paths) {
         for at in (0..rays.count).step_by(8) {
             let place = places.eight::<S>(at);
-            let mut nearest = S::Double::splat(f64::INFINITY);
+            let mut nearest = S::Double::splat(self.tracer.prepared.local.nearest_light_at_first());
             for &light in &self.tracer.prepared.local.lights {
                 nearest = shade::nearer(nearest, &place, V3::splat(light));
             }

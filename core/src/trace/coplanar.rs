@@ -1,0 +1,431 @@
+//! Which planes and triangles lie in one exact plane, and which lights and eyes lie there too.
+//!
+//! Where they do, what would take wide numbers for every ray is known for all of them: of two surfaces
+//! in one plane the first in the document is met, a ray that starts in a plane does not meet it, and a segment
+//! that ends in a plane meets it at its end alone. Objects are looked at when something about
+//! them is in doubt, once each. Equal planes have equal residues modulo a prime, by which they are
+//! found; that they are equal is then proven.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use glam::DVec3;
+
+use super::arbiter::Decision;
+use super::prepared::PreparedScene;
+use super::proof::{direction, lengths, to_integers};
+use crate::geometry::local::{Kind, kind};
+use crate::geometry::{Local, ObjectId, V3};
+use crate::precise::{Ball, Balls, Unsure, zero_area};
+use crate::scene::{PlanePosition, Scene};
+
+/// The plane holds the eye.
+const EYE: u32 = 1 << 30;
+/// The plane holds a light.
+const LIT: u32 = 1 << 31;
+/// One more than the plane's number.
+const NUMBER: u32 = EYE - 1;
+
+/// The exact planes that objects were found to lie in.
+#[derive(Debug, Default)]
+pub(crate) struct Coplanar {
+    /// What is known of each plane and each triangle; 0 where nothing is.
+    facts: Vec<AtomicU32>,
+    known: Mutex<Known>,
+    /// By light, the infinite planes that hold it; shorter where there are none.
+    planes: Vec<Vec<u32>>,
+}
+
+#[derive(Debug, Default)]
+struct Known {
+    /// By their residues, the planes' numbers, facts, and an object in each.
+    planes: HashMap<[u64; 4], Vec<(u32, ObjectId)>>,
+    count: u32,
+    /// Lights in planes that hold some, a bit each.
+    lights: HashMap<u32, Vec<u64>>,
+}
+
+impl Coplanar {
+    pub(crate) fn new(scene: &Scene, local: &Local) -> Self {
+        let flat = scene.planes().len() + scene.triangles().len();
+        let mut planes = Vec::new();
+        for i in 0..scene.planes().len() as u32 {
+            for (k, (&light, &at)) in scene.lights().iter().zip(&local.lights).enumerate() {
+                if !is_clearly_off(local, scene, ObjectId(i), at) && holds(scene, ObjectId(i), light) {
+                    planes.resize_with(planes.len().max(k + 1), Vec::new);
+                    planes[k].push(i);
+                }
+            }
+        }
+        Self { facts: (0..flat).map(|_| AtomicU32::new(0)).collect(), known: Mutex::default(), planes }
+    }
+}
+
+impl PreparedScene {
+    /// The number of the plane in which `id` lies, and what that plane holds; `None` for spheres.
+    fn plane_of(&self, id: ObjectId) -> Option<u32> {
+        let facts = match kind(&self.scene, id) {
+            Kind::Plane(i) => &self.coplanar.facts[i],
+            Kind::Triangle(i) => &self.coplanar.facts[self.scene.planes().len() + i],
+            Kind::Sphere(_) => return None,
+        };
+        match facts.load(Ordering::Relaxed) {
+            0 => {
+                let found = self.look_at_plane_of(id);
+                facts.store(found, Ordering::Relaxed);
+                Some(found)
+            }
+            known => Some(known),
+        }
+    }
+
+    #[cold]
+    fn look_at_plane_of(&self, id: ObjectId) -> u32 {
+        let scene = &*self.scene;
+        let key = residues(scene, id);
+        let mut known = self.coplanar.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let Known { planes, count, lights } = &mut *known;
+        let same = planes.entry(key).or_default();
+        if let Some((facts, _)) = same.iter().find(|(_, other)| are_coplanar(scene, id, *other)) {
+            return *facts;
+        }
+        *count = (*count + 1).min(NUMBER);
+        let mut facts = *count;
+        let holds = |p: DVec3, local: DVec3| !is_clearly_off(&self.local, scene, id, local) && holds(scene, id, p);
+        if holds(scene.camera().location(), DVec3::ZERO) {
+            facts |= EYE;
+        }
+        let mut bits = vec![0u64; scene.lights().len().div_ceil(64)];
+        for (k, (&light, &local)) in scene.lights().iter().zip(&self.local.lights).enumerate() {
+            if holds(light, local) {
+                bits[k / 64] |= 1 << (k % 64);
+                facts |= LIT;
+            }
+        }
+        if facts & LIT != 0 {
+            lights.insert(facts & NUMBER, bits);
+        }
+        same.push((facts, id));
+        facts
+    }
+
+    /// Whether `a` and `b` lie in one plane.
+    pub(crate) fn are_coplanar(&self, a: ObjectId, b: ObjectId) -> bool {
+        let number = |id| self.plane_of(id).map(|facts| facts & NUMBER);
+        // Of planes beyond all numbers nothing is known.
+        number(a).is_some_and(|n| n != NUMBER && number(b) == Some(n))
+    }
+
+    /// The infinite planes that hold the `light`-th light.
+    pub(crate) fn planes_with_light(&self, light: usize) -> &[u32] {
+        self.coplanar.planes.get(light).map_or(&[], |planes| planes)
+    }
+
+    /// Whether the eye is in the plane of `id`.
+    pub(crate) fn has_eye_in_plane(&self, id: ObjectId) -> bool {
+        self.plane_of(id).is_some_and(|facts| facts & EYE != 0 && facts & NUMBER != NUMBER)
+    }
+
+    /// Whether the `light`-th light is in the plane of `id`.
+    pub(crate) fn has_light_in_plane(&self, id: ObjectId, light: usize) -> bool {
+        let Some(facts) = self.plane_of(id).filter(|f| f & LIT != 0 && f & NUMBER != NUMBER) else { return false };
+        let known = self.coplanar.known.lock().unwrap_or_else(PoisonError::into_inner);
+        known.lights.get(&(facts & NUMBER)).is_some_and(|bits| bits[light / 64] >> (light % 64) & 1 == 1)
+    }
+
+    /// Whether a ray that starts on `from`, or at the eye, cannot meet `id` since its start is in that plane.
+    pub(crate) fn starts_in_plane(&self, from: Option<Decision>, at_eye: bool, id: ObjectId) -> bool {
+        match from {
+            Some(from) => self.are_coplanar(from.id, id),
+            None => at_eye && self.has_eye_in_plane(id),
+        }
+    }
+}
+
+/// What a scene's exact planes are like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SharedPlanes {
+    /// Planes in which more than one object lies.
+    pub planes: usize,
+    /// Objects in them.
+    pub objects: usize,
+    /// Planes that hold a light.
+    pub lit: usize,
+    /// Planes that hold the eye.
+    pub seen_edge_on: usize,
+}
+
+impl PreparedScene {
+    /// Looks at every plane and triangle that has an area.
+    pub(crate) fn shared_planes(&self) -> SharedPlanes {
+        let scene = &*self.scene;
+        let first = scene.planes().len() + scene.spheres().len();
+        let triangles = (0..scene.triangles().len()).filter(|&i| {
+            let t = &scene.triangles()[i];
+            !zero_area::is_zero(&t.written, t.by_sides())
+        });
+        let ids = (0..scene.planes().len()).chain(triangles.map(|i| first + i));
+        let mut planes: HashMap<u32, usize> = HashMap::new();
+        for facts in ids.filter_map(|id| self.plane_of(ObjectId(id as u32))) {
+            *planes.entry(facts).or_default() += 1;
+        }
+        let mut shared = SharedPlanes::default();
+        for (facts, objects) in planes {
+            if objects > 1 {
+                shared.planes += 1;
+                shared.objects += objects;
+            }
+            shared.lit += usize::from(facts & LIT != 0);
+            shared.seen_edge_on += usize::from(facts & EYE != 0);
+        }
+        shared
+    }
+}
+
+/// 2^61 − 1, a prime.
+const PRIME: u64 = (1 << 61) - 1;
+
+/// A number modulo [`PRIME`].
+#[derive(Clone, Copy, PartialEq)]
+struct Residue(u64);
+
+impl Residue {
+    fn new(x: u128) -> Self {
+        let folded = (x & u128::from(PRIME)) + (x >> 61);
+        let folded = (folded & u128::from(PRIME)) as u64 + (folded >> 61) as u64;
+        Self(if folded >= PRIME { folded - PRIME } else { folded })
+    }
+
+    /// Of a binary fraction: 2^61 is 1.
+    fn of(x: f64) -> Self {
+        let bits = x.to_bits();
+        let (biased, fraction) = (((bits >> 52) & 0x7ff) as i64, bits & ((1 << 52) - 1));
+        let (mantissa, power) = if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
+        let magnitude = Self::new(u128::from(mantissa) << power.rem_euclid(61));
+        if x < 0.0 { Self(0) - magnitude } else { magnitude }
+    }
+
+    /// 1 / self, by Fermat's little theorem; 0 of 0.
+    fn inverse(self) -> Self {
+        // The exponent, 2^61 − 3, has all bits but the second.
+        let (mut power, mut result) = (self, self);
+        for k in 1..61 {
+            power = power * power;
+            if k != 1 {
+                result = result * power;
+            }
+        }
+        result
+    }
+}
+
+impl std::ops::Add for Residue {
+    type Output = Self;
+    fn add(self, o: Self) -> Self {
+        Self::new(u128::from(self.0) + u128::from(o.0))
+    }
+}
+
+impl std::ops::Sub for Residue {
+    type Output = Self;
+    fn sub(self, o: Self) -> Self {
+        Self::new(u128::from(self.0) + u128::from(PRIME - o.0))
+    }
+}
+
+impl std::ops::Mul for Residue {
+    type Output = Self;
+    fn mul(self, o: Self) -> Self {
+        Self::new(u128::from(self.0) * u128::from(o.0))
+    }
+}
+
+/// The normal's ratios and the offset's square over the normal's, which may be irrational itself.
+fn residues(scene: &Scene, id: ObjectId) -> [u64; 4] {
+    let of = |v: DVec3| v.to_array().map(Residue::of);
+    let dot = |a: [Residue; 3], b: [Residue; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (n, square) = match kind(scene, id) {
+        Kind::Plane(i) | Kind::Sphere(i) => {
+            let plane = &scene.planes()[i];
+            let n = of(plane.normal);
+            match plane.position {
+                PlanePosition::Point(q) => (n, dot(n, of(q)) * dot(n, of(q))),
+                PlanePosition::Distance(d) => (n, Residue::of(d) * Residue::of(d) * dot(n, n)),
+            }
+        }
+        Kind::Triangle(i) => {
+            let t = &scene.triangles()[i];
+            let [a, b, c] = t.written.map(of);
+            let side = |v: [Residue; 3]| if t.by_sides() { v } else { [0, 1, 2].map(|k| v[k] - a[k]) };
+            let (u, v) = (side(b), side(c));
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            (n, dot(n, a) * dot(n, a))
+        }
+    };
+    let pivot = n.into_iter().find(|x| x.0 != 0).unwrap_or(Residue(0)).inverse();
+    [n[0] * pivot, n[1] * pivot, n[2] * pivot, square * pivot * pivot].map(|r| r.0)
+}
+
+/// Whether rounding alone shows that `point` is not in the plane of `id`; both in local space.
+fn is_clearly_off(local: &Local, scene: &Scene, id: ObjectId, point: DVec3) -> bool {
+    let p = V3::splat(point);
+    let (distance, terms) = match kind(scene, id) {
+        Kind::Plane(i) | Kind::Sphere(i) => {
+            let plane = &local.planes[i];
+            (plane.n.dot(p) - plane.h, p.norm1() + plane.h.abs())
+        }
+        Kind::Triangle(i) => {
+            let [a, b, c] = local.triangle(&scene.triangles()[i]).v;
+            let reach = a.norm1() + b.norm1() + c.norm1() + p.norm1();
+            let (u, v) = (b - a, c - a);
+            (u.cross(v).dot(p - a), (u.norm1() + v.norm1()) * (u.norm1() + v.norm1() + reach) * reach)
+        }
+    };
+    distance.abs() > 1e-12 * terms && terms < 1e100 && distance.abs() > 1e-100
+}
+
+/// A plane n · P = offset in integers: the offset's sign and square.
+struct Flat<const N: usize> {
+    n: Balls<N>,
+    offset: Offset<N>,
+}
+
+enum Offset<const N: usize> {
+    Rational(Ball<N>),
+    /// Sign and square.
+    Root(i32, Ball<N>),
+}
+
+impl<const N: usize> Flat<N> {
+    fn new(scene: &Scene, id: ObjectId, scale: i64) -> Self {
+        match kind(scene, id) {
+            Kind::Plane(i) | Kind::Sphere(i) => {
+                let plane = &scene.planes()[i];
+                let n = direction(plane.normal);
+                let offset = match plane.position {
+                    PlanePosition::Point(q) => Offset::Rational(n.dot(&Balls::scaled(q, scale))),
+                    PlanePosition::Distance(d) => {
+                        let far = Ball::scaled(d, scale);
+                        Offset::Root(far.mid().signum(), far * far * n.dot(&n))
+                    }
+                };
+                Self { n, offset }
+            }
+            Kind::Triangle(i) => {
+                let t = &scene.triangles()[i];
+                let [a, b, c] = t.written.map(|v| Balls::scaled(v, scale));
+                let n = if t.by_sides() { b.cross(&c) } else { (b - a).cross(&(c - a)) };
+                Self { n, offset: Offset::Rational(n.dot(&a)) }
+            }
+        }
+    }
+
+    fn square(&self) -> Result<(i32, Ball<N>), Unsure> {
+        Ok(match &self.offset {
+            Offset::Rational(x) => (x.sign()?, *x * *x),
+            Offset::Root(sign, square) => (*sign, *square),
+        })
+    }
+
+    fn is(&self, o: &Self) -> Result<bool, Unsure> {
+        for c in self.n.cross(&o.n).0 {
+            if c.sign()? != 0 {
+                return Ok(false);
+            }
+        }
+        // A component that is not zero.
+        let Some(k) = (0..3).find(|&k| !matches!(self.n.0[k].sign(), Ok(0))) else { return Ok(false) };
+        let (a, b) = (self.n.0[k], o.n.0[k]);
+        if let (Offset::Rational(x), Offset::Rational(y)) = (&self.offset, &o.offset) {
+            return Ok((*x * b - *y * a).sign()? == 0);
+        }
+        let ((sign, square), (other_sign, other)) = (self.square()?, o.square()?);
+        Ok(sign * b.sign()? == other_sign * a.sign()? && (square * b * b - other * a * a).sign()? == 0)
+    }
+
+    fn holds(&self, p: &Balls<N>) -> Result<bool, Unsure> {
+        let at = self.n.dot(p);
+        if let Offset::Rational(x) = &self.offset {
+            return Ok((at - *x).sign()? == 0);
+        }
+        let (sign, square) = self.square()?;
+        Ok(at.sign()? == sign && (at * at - square).sign()? == 0)
+    }
+}
+
+/// The first certain answer, in wider and wider numbers: in the last nothing is rounded.
+macro_rules! exactly {
+    ($n:ident => $e:expr) => {{
+        fn no(_: Unsure) -> bool {
+            false
+        }
+        let answer = { const $n: usize = 8; $e };
+        let answer = answer.or_else(|_: Unsure| { const $n: usize = 24; $e });
+        answer.or_else(|_: Unsure| { const $n: usize = 512; $e }).unwrap_or_else(no)
+    }};
+}
+
+fn are_coplanar(scene: &Scene, a: ObjectId, b: ObjectId) -> bool {
+    let scale = to_integers(lengths(scene, a).chain(lengths(scene, b)));
+    exactly!(N => Flat::<N>::new(scene, a, scale).is(&Flat::new(scene, b, scale)))
+}
+
+fn holds(scene: &Scene, id: ObjectId, p: DVec3) -> bool {
+    let scale = to_integers(lengths(scene, id).chain(p.to_array()));
+    exactly!(N => Flat::<N>::new(scene, id, scale).holds(&Balls::scaled(p, scale)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::scene::{SceneBuilder, Surface};
+
+    #[test]
+    fn inverses_are_inverses() {
+        for x in [1.0, 2.0, 0.5, -3.0, 1e300, 5e-324, 0.1] {
+            assert!(Residue::of(x) * Residue::of(x).inverse() == Residue(1), "{x}");
+        }
+        assert!(Residue::of(0.75) + Residue::of(0.25) == Residue::of(1.0));
+        assert!(Residue::of(1e10) - Residue::of(1e10) == Residue(0));
+    }
+
+    /// Planes by point, by distance and triangles, in any form and at any scale, are one plane where they are.
+    #[test]
+    fn one_plane_is_known_in_all_its_forms() {
+        let mut b = SceneBuilder::new();
+        b.camera(DVec3::new(3.0, 0.0, 0.0), DVec3::Y, DVec3::ZERO).expect("a camera");
+        let s = b.surface(Surface::default()).expect("a surface");
+        let v = DVec3::new;
+        b.light(v(1.0, 1.0, 1.0)).expect("a light");
+        b.light(v(1.0, 1.0, 1.0 + f64::EPSILON)).expect("a light");
+        // x + y + z = 3, irrational and not.
+        let through = PlanePosition::Point(v(0.0, 3.0, 0.0));
+        b.plane(v(1.0, 1.0, 1.0), through, s).expect("a plane");
+        b.plane(v(-2e300, -2e300, -2e300), PlanePosition::Point(v(0.0, 0.0, 3.0)), s).expect("a plane");
+        b.plane(v(1.0, 1.0, 1.0), PlanePosition::Distance(3f64.sqrt()), s).expect("a plane");
+        // 3x + 4y = 25 by distance 5, and its other side.
+        b.plane(v(3.0, 4.0, 0.0), PlanePosition::Distance(5.0), s).expect("a plane");
+        b.plane(v(-0.3e-5 * 2.0, 0.0, 0.0), PlanePosition::Distance(-3.0), s).expect("a plane");
+        b.plane(v(3.0, 4.0, 0.0), PlanePosition::Distance(-5.0), s).expect("a plane");
+        b.triangle([v(1.0, 1.0, 1.0), v(3.0, 0.0, 0.0), v(0.0, 3.0, 0.0)], s).expect("a triangle");
+        b.triangle_by_sides(v(0.5, 0.5, 2.0), [v(1.0, -1.0, 0.0), v(0.0, 1.0, -1.0)], s).expect("a triangle");
+        b.triangle([v(1.0, 1.0, 1.0), v(3.0, 0.0, 5e-324), v(0.0, 3.0, 0.0)], s).expect("a triangle");
+        b.triangle([v(3.0, 4.0, 0.0), v(3.0, 4.0, 9.0), v(-1.0, 7.0, 0.0)], s).expect("a triangle");
+        b.triangle([v(3.0, 0.0, 0.0), v(3.0, 4.0, 9.0), v(3.0, 7.0, 0.0)], s).expect("a triangle");
+        let prepared = PreparedScene::build(Arc::new(b.finish().expect("a scene")));
+        let same = |a: u32, b: u32| prepared.are_coplanar(ObjectId(a), ObjectId(b));
+        for (a, b) in [(0, 1), (0, 6), (6, 7), (1, 7), (3, 9), (4, 10)] {
+            assert!(same(a, b), "{a} and {b} are one plane");
+        }
+        for (a, b) in [(0, 2), (2, 6), (3, 5), (5, 9), (0, 3), (6, 8), (0, 8), (9, 10)] {
+            assert!(!same(a, b), "{a} and {b} are two planes");
+        }
+        let eye = |a: u32| prepared.has_eye_in_plane(ObjectId(a));
+        assert!(eye(0) && eye(7) && eye(4) && eye(10) && !eye(8) && !eye(3));
+        let light = |a: u32, k: usize| prepared.has_light_in_plane(ObjectId(a), k);
+        assert!(light(0, 0) && light(7, 0) && !light(0, 1) && !light(2, 0) && light(8, 0) && !light(8, 1));
+    }
+}
