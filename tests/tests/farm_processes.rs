@@ -82,10 +82,10 @@ async fn the_holder_of_the_last_tile_is_killed() {
 #[tokio::test]
 async fn all_workers_killed_ends_the_render_or_others_come() {
     let mut cluster = endless();
-    cluster.job.patience = Duration::from_millis(300);
+    cluster.job.patience = Duration::from_millis(300).into();
     for others_come in [false, true] {
         if others_come {
-            cluster.job.patience = Duration::from_secs(30);
+            cluster.job.patience = Duration::from_secs(30).into();
         }
         let mut running = cluster.clone().start().await;
         let victims = [worker(&running, &["--name", "a"]), worker(&running, &["--name", "b"])];

@@ -2,6 +2,7 @@
 
 mod driver;
 mod incoming;
+mod pulse;
 mod service;
 mod stitch;
 mod timing;
@@ -157,6 +158,7 @@ impl Farm {
             tile: job.tile,
             samples,
             expected: hired.as_ref().map_or(0, |hired| hired.count),
+            bytes_per_pixel: job.pixels.bytes_per_pixel() as u64,
             patience: job.patience,
             suspect_after: job.timing.suspect_after,
             dead_after: job.timing.dead_after,
