@@ -59,6 +59,29 @@ pub enum ListenAddr {
     Socket(SocketAddr),
 }
 
+/// How long a render goes on without any worker; [`Duration::MAX`] is for ever.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Patience {
+    /// Before the first one came.
+    pub first: Duration,
+    /// After the last one was lost.
+    pub lost: Duration,
+}
+
+impl Default for Patience {
+    /// Half a minute for the first, five after one was lost: machines start again in that time.
+    fn default() -> Self {
+        Self { first: Duration::from_secs(30), lost: Duration::from_secs(300) }
+    }
+}
+
+impl From<Duration> for Patience {
+    /// The same in both cases.
+    fn from(time: Duration) -> Self {
+        Self { first: time, lost: time }
+    }
+}
+
 /// One picture to render.
 #[derive(Clone, Debug)]
 pub struct RenderJob {
@@ -79,7 +102,7 @@ pub struct RenderJob {
     /// How good the picture is to be. Anything but [`Goal::AsSet`] needs adaptive sampling.
     pub goal: Goal,
     /// How long to go on without any worker.
-    pub patience: Duration,
+    pub patience: Patience,
     /// How long other things may take.
     pub timing: Timing,
     /// What renders tiles in this process: the tracer, or in tests something else.
@@ -100,7 +123,7 @@ impl RenderJob {
             workers: 2,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             goal: Goal::AsSet,
-            patience: Duration::from_secs(30),
+            patience: Patience::default(),
             timing: Timing::default(),
             studio: Arc::new(Exact),
         }

@@ -8,6 +8,8 @@ pub mod povray;
 mod scheduler;
 
 pub use farm::{Farm, Timing, render};
-pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
+pub use job::{
+    ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats,
+};
 pub use plan::{Forecast, Goal};
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -41,8 +41,9 @@ pub const REGISTER_WITHIN: Duration = Duration::from_secs(5);
 /// HTTP/2 pings go out this often, also while idle.
 pub const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(2);
 
-/// An HTTP/2 ping unanswered for this long ends the connection.
-pub const KEEPALIVE_TIMEOUT: Duration = Duration::from_secs(4);
+/// An HTTP/2 ping unanswered for this long ends the connection. On a slow line an answer waits behind results:
+/// it is heartbeats, and bytes, that show life sooner.
+pub const KEEPALIVE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// `text`, cut to `bytes` bytes at a character's edge.
 #[must_use]

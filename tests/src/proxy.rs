@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -35,6 +36,14 @@ impl Proxy {
     /// # Panics
     /// When there is no loopback.
     pub async fn before(to: SocketAddr) -> Self {
+        Self::throttled(to, usize::MAX).await
+    }
+
+    /// Starts a network before `to` that carries so many bytes a second either way.
+    ///
+    /// # Panics
+    /// When there is no loopback.
+    pub async fn throttled(to: SocketAddr, bytes_per_second: usize) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("loopback");
         let addr = listener.local_addr().expect("bound");
         let (weather, seen) = watch::channel(Weather::Fair);
@@ -43,7 +52,7 @@ impl Proxy {
         tokio::spawn(async move {
             while let Ok((near, _)) = listener.accept().await {
                 if *seen.borrow() != Weather::Broken {
-                    tokio::spawn(connect(near, to, seen.clone(), count.clone()));
+                    tokio::spawn(connect((near, to), seen.clone(), count.clone(), bytes_per_second));
                 }
             }
         });
@@ -62,11 +71,16 @@ impl Proxy {
     }
 }
 
-async fn connect(near: TcpStream, to: SocketAddr, mut weather: watch::Receiver<Weather>, down: Arc<AtomicU64>) {
+async fn connect(
+    (near, to): (TcpStream, SocketAddr),
+    mut weather: watch::Receiver<Weather>,
+    down: Arc<AtomicU64>,
+    pace: usize,
+) {
     let Ok(far) = TcpStream::connect(to).await else { return };
     let ((near_in, near_out), (far_in, far_out)) = (near.into_split(), far.into_split());
-    let up = pass(near_in, far_out, weather.clone(), Arc::default());
-    let down = pass(far_in, near_out, weather.clone(), down);
+    let up = pass(near_in, far_out, weather.clone(), Arc::default(), pace);
+    let down = pass(far_in, near_out, weather.clone(), down, pace);
     tokio::select! {
         () = up => {}
         () = down => {}
@@ -79,8 +93,10 @@ async fn pass(
     mut to: impl AsyncWriteExt + Unpin,
     mut weather: watch::Receiver<Weather>,
     count: Arc<AtomicU64>,
+    pace: usize,
 ) {
-    let mut buffer = vec![0; 1 << 16];
+    // A twentieth of a second's worth at a time.
+    let mut buffer = vec![0; (pace / 20).clamp(1, 1 << 16)];
     while let Ok(n @ 1..) = from.read(&mut buffer).await {
         if weather.wait_for(|w| *w == Weather::Fair).await.is_err() {
             return;
@@ -88,6 +104,9 @@ async fn pass(
         count.fetch_add(n as u64, Ordering::SeqCst);
         if to.write_all(&buffer[..n]).await.is_err() {
             return;
+        }
+        if pace < usize::MAX {
+            tokio::time::sleep(Duration::from_secs_f64(n as f64 / pace as f64)).await;
         }
     }
 }

@@ -338,7 +338,7 @@ async fn a_tile_that_fails_everywhere_ends_the_render_with_its_place_and_cause()
 #[tokio::test]
 async fn nobody_for_too_long_ends_the_render() {
     let mut cluster = painted();
-    cluster.job.patience = Duration::from_millis(100);
+    cluster.job.patience = Duration::from_millis(100).into();
     let unfinished = cluster.clone().start().await.end().await.unwrap_err();
     assert!(matches!(unfinished.error, RenderError::NoWorkers { ever: false, .. }), "{unfinished}");
     let running = cluster.start().await;

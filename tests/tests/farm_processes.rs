@@ -82,10 +82,10 @@ async fn the_holder_of_the_last_tile_is_killed() {
 #[tokio::test]
 async fn all_workers_killed_ends_the_render_or_others_come() {
     let mut cluster = endless();
-    cluster.job.patience = Duration::from_millis(300);
+    cluster.job.patience = Duration::from_millis(300).into();
     for others_come in [false, true] {
         if others_come {
-            cluster.job.patience = Duration::from_secs(30);
+            cluster.job.patience = Duration::from_secs(30).into();
         }
         let mut running = cluster.clone().start().await;
         let victims = [worker(&running, &["--name", "a"]), worker(&running, &["--name", "b"])];
@@ -184,9 +184,20 @@ fn a_worker_says_why_it_cannot_work() {
         let (status, said) = Process::start("worker", args).end();
         (status.code(), said)
     };
-    let (code, said) = run(&["--connect", "no-such-host.invalid"]);
+    // A name may come to be known: it is tried again, as long as is wanted.
+    let (code, said) = run(&["no-such-host.invalid", "--give-up-after", "300ms"]);
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("no-such-host.invalid"), "{said}");
+    assert!(
+        said.contains("no-such-host.invalid") && said.contains("gave up") && said.contains("trying again"),
+        "{said}"
+    );
+    // Nothing is said twice in one line, and nothing in colour to a pipe.
+    let (code, said) = run(&["--connect", "127.0.0.1:1", "--give-up-after", "300ms"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.lines().all(|l| l.matches("refused").count() <= 1) && !said.contains('\u{1b}'), "{said}");
+    let (code, said) = run(&["localhost:1", "--lifetime", "200ms", "--lifetime-stagger", "100ms"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("lifetime is over"), "{said}");
     for bad in [&["--connect", "a b"][..], &["--connect", "x", "--threads", "0"], &[], &["--nonsense"]] {
         assert_eq!(run(bad).0, Some(2), "{bad:?}");
     }

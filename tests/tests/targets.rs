@@ -60,7 +60,7 @@ async fn a_worker_killed_between_passes_changes_nothing() {
         let cluster = adaptive(Goal::Error(0.5 / 255.0));
         tokio::task::spawn_blocking(move || cluster.render().unwrap()).await.unwrap()
     };
-    cluster.job.patience = Duration::from_secs(30);
+    cluster.job.patience = Duration::from_secs(30).into();
     let mut running = cluster.tile(16).start().await;
     let addr = running.addr.to_string();
     let victim = Process::start("worker", &["--connect", &addr, "--threads", "1", "--name", "victim"]);

@@ -42,6 +42,11 @@ impl FromStr for Address {
             None if text.matches(':').count() > 1 => (text, None),
             None => text.split_once(':').map_or((text, None), |(h, p)| (h, Some(p))),
         };
+        // A number alone is a port of this machine, not the address 0.0.19.151.
+        let (host, port) = match port {
+            None if !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()) => ("localhost", Some(text)),
+            port => (host, port),
+        };
         let port = port.map_or(Ok(DEFAULT_PORT), |p| p.parse().map_err(|_| wrong()))?;
         let v6 = host.contains(':');
         let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
@@ -67,7 +72,7 @@ impl fmt::Display for Address {
 }
 
 impl Address {
-    /// Looks the host up, so that a misspelt name is said at once and not retried for ever.
+    /// Looks the host up, so that what is wrong with a name can be said.
     ///
     /// # Errors
     /// When it does not resolve.
@@ -86,6 +91,8 @@ mod tests {
     fn addresses_are_read_with_and_without_a_port() {
         let shown = |s: &str| s.parse::<Address>().unwrap().to_string();
         assert_eq!(shown("farm"), "farm:4747");
+        assert_eq!(shown("localhost"), "localhost:4747");
+        assert_eq!(shown("5015"), "localhost:5015");
         assert_eq!(shown("farm.example:80"), "farm.example:80");
         assert_eq!(shown("10.0.0.5:1"), "10.0.0.5:1");
         assert_eq!(shown("::1"), "[::1]:4747");
@@ -95,8 +102,21 @@ mod tests {
 
     #[test]
     fn what_is_no_address_is_said_to_be_none() {
-        for bad in ["", ":1", "farm:", "farm:0", "farm:99999", "farm:x", "[::1", "[::1]x", "a b", "http://farm", "::zz"]
-        {
+        for bad in [
+            "",
+            ":1",
+            "farm:",
+            "farm:0",
+            "farm:99999",
+            "farm:x",
+            "[::1",
+            "[::1]x",
+            "a b",
+            "http://farm",
+            "::zz",
+            "99999",
+            "0",
+        ] {
             assert!(bad.parse::<Address>().is_err(), "{bad:?}");
         }
     }

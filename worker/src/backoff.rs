@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Exponential waits with jitter: many workers that lost one coordinator should not all
-/// come back at once.
+/// come back at once. Nor should a coordinator that is back wait long for them.
 #[derive(Clone, Copy, Debug)]
 pub struct Backoff {
     /// The first wait, at most.
@@ -14,7 +14,7 @@ pub struct Backoff {
 
 impl Default for Backoff {
     fn default() -> Self {
-        Self { first: Duration::from_millis(200), longest: Duration::from_secs(10) }
+        Self { first: Duration::from_millis(200), longest: Duration::from_secs(4) }
     }
 }
 

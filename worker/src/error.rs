@@ -1,16 +1,21 @@
 //! Why a worker cannot work.
 
-use crate::address::AddressError;
-
 /// Why a worker gave up.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkerError {
     /// The coordinator does not want it, and asking again would not help.
     #[error("the coordinator refused this worker: {0}")]
     Refused(String),
-    /// The coordinator's address leads nowhere.
-    #[error(transparent)]
-    Address(#[from] AddressError),
+    /// There was no coordinator for too long.
+    #[error("gave up: no coordinator at {address} for {} s; last: {last}", time.as_secs_f32().round())]
+    GaveUp {
+        /// Where one was looked for.
+        address: String,
+        /// For how long.
+        time: std::time::Duration,
+        /// What went wrong the last time.
+        last: String,
+    },
     /// No threads to be had.
     #[error("cannot start {0} threads: {1}")]
     Threads(usize, String),

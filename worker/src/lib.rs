@@ -14,6 +14,7 @@ mod session;
 mod studio;
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use tessera_proto::InstanceId;
 use tokio::sync::watch;
@@ -44,6 +45,10 @@ pub struct Config {
     pub studio: Arc<dyn Studio>,
     /// How long to wait between attempts to connect.
     pub backoff: Backoff,
+    /// How long to try without being welcomed by a coordinator; for ever where there is no end to it.
+    pub give_up_after: Option<Duration>,
+    /// After how long to leave as if told to.
+    pub lifetime: Option<Duration>,
 }
 
 impl Config {
@@ -58,6 +63,8 @@ impl Config {
             local: None,
             studio: Arc::new(Exact),
             backoff: Backoff::default(),
+            give_up_after: None,
+            lifetime: None,
         }
     }
 }
@@ -92,17 +99,18 @@ pub enum Left {
     Finished,
     /// It was asked to stop, and returned what it had not begun.
     Stopped,
+    /// Its lifetime was over, and it returned what it had not begun.
+    Expired,
 }
 
 /// Works for the coordinator at `config.connect` until there is no more work (with
-/// `config.once`), until `stop` is cancelled, or until it is refused for good.
+/// `config.once`), until `stop` is cancelled, its lifetime is over, or it is refused for good.
 ///
 /// # Errors
-/// When the coordinator refuses this worker, its address never resolves, or the machine
+/// When the coordinator refuses this worker, there was none for as long as this worker tries, or the machine
 /// cannot give what is asked for.
 pub async fn run(config: Config, stop: CancellationToken) -> Result<Left, WorkerError> {
     check_arithmetic()?;
-    config.connect.resolve().await?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(config.threads.max(1))
         .thread_name(|n| format!("trace-{n}"))
@@ -115,20 +123,59 @@ pub async fn run(config: Config, stop: CancellationToken) -> Result<Left, Worker
         last: session::LastTracer::default(),
         config: config.clone(),
     };
+    let Some(lifetime) = config.lifetime else { return work(&session, &stop).await };
+    // Ended by either, and only this worker by the end of its life.
+    let own = stop.child_token();
+    let expired = async {
+        tokio::time::sleep(lifetime).await;
+        tracing::info!("its lifetime of {} s is over", lifetime.as_secs_f32());
+        own.cancel();
+        std::future::pending().await
+    };
+    let left = tokio::select! {
+        left = work(&session, &own) => left?,
+        () = expired => unreachable!("it waits for the other"),
+    };
+    Ok(if left == Left::Stopped && !stop.is_cancelled() { Left::Expired } else { left })
+}
+
+/// Session after session.
+async fn work(session: &Session, stop: &CancellationToken) -> Result<Left, WorkerError> {
+    let config = &session.config;
     let mut waits = config.backoff.start();
+    let mut alone_since = Instant::now();
+    let mut said = None;
     loop {
-        let (registered, outcome) = session.run(&stop).await;
+        let (registered, outcome) = session.run(stop).await;
         if registered {
             waits = config.backoff.start();
+            alone_since = Instant::now();
+            said = None;
         }
         match outcome {
             Outcome::Stopped => return Ok(Left::Stopped),
             Outcome::Finished if config.once => return Ok(Left::Finished),
             Outcome::Finished => tracing::info!("the coordinator has no more work; waiting for the next"),
             Outcome::Refused(why) => return Err(WorkerError::Refused(why)),
-            Outcome::Lost(why) => tracing::warn!("{}: {why}", config.connect),
+            Outcome::Lost(why) => {
+                let left = config.give_up_after.map(|time| time.saturating_sub(alone_since.elapsed()));
+                if left == Some(Duration::ZERO) {
+                    let address = config.connect.to_string();
+                    return Err(WorkerError::GaveUp { address, time: alone_since.elapsed(), last: why });
+                }
+                // Again and again the same would say nothing new.
+                if said.as_ref() == Some(&why) {
+                    tracing::debug!("{}: {why}", config.connect);
+                } else {
+                    tracing::warn!("{}: {why}; trying again", config.connect);
+                    said = Some(why);
+                }
+            }
         }
-        let wait = waits.next();
+        let mut wait = waits.next();
+        if let Some(time) = config.give_up_after {
+            wait = wait.min(time.saturating_sub(alone_since.elapsed()));
+        }
         tracing::debug!("connecting again in {} ms", wait.as_millis());
         tokio::select! {
             () = tokio::time::sleep(wait) => {}

@@ -1,17 +1,21 @@
 //! The `worker` program: renders tiles for a coordinator until told to leave.
 
-use std::process::ExitCode;
+mod log;
 
-use clap::{ArgAction, Parser};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{ArgAction, ArgGroup, Parser};
 use tokio_util::sync::CancellationToken;
-use tracing_subscriber::EnvFilter;
 use worker::{Address, Config, Left, WorkerError};
 
 const EXAMPLES: &str = "\
 Examples:
-  worker --connect farm.example              render for the coordinator there, port 4747
+  worker farm.example                        render for the coordinator there, port 4747
   worker --connect 10.0.0.5:5000 --threads 4 leave the other cores to others
-  worker --connect localhost --once          leave when the picture is done
+  worker localhost --once                    leave when the picture is done
+  worker farm.example --lifetime 55m --lifetime-stagger 5m
+                                             leave in order before a batch system's hour is over
 
 The coordinator must listen where workers can reach it, for instance:
   coordinator render scene.xml --listen 0.0.0.0:4747
@@ -19,19 +23,23 @@ The coordinator must listen where workers can reach it, for instance:
 Signals: SIGTERM and SIGINT finish the tile at work, return the others and leave;
 a second SIGINT leaves at once.
 
-Exit codes: 0 left in peace, 1 refused by the coordinator or unable to work,
-2 wrong usage, 130 interrupted.";
+Exit codes: 0 left in peace, 1 refused by the coordinator, unable to work, or no
+coordinator for as long as --give-up-after says, 2 wrong usage, 130 interrupted.";
 
 /// Renders tiles for a Tessera coordinator.
 ///
 /// Dials the coordinator, renders what it is given, and dials again, with growing
 /// pauses, whenever the connection breaks or no coordinator is there.
 #[derive(Debug, Parser)]
-#[command(name = "worker", version, after_help = EXAMPLES)]
+#[command(name = "worker", version, after_help = EXAMPLES, group(ArgGroup::new("where").required(true)))]
 struct Args {
-    /// The coordinator's address, such as farm.example, 10.0.0.5:5000 or [::1]:4747.
-    #[arg(long, value_name = "HOST[:PORT]")]
-    connect: Address,
+    /// The coordinator's address, such as farm.example, 10.0.0.5:5000, [::1]:4747, or 5000 for a port of this machine.
+    #[arg(value_name = "HOST[:PORT]", group = "where")]
+    coordinator: Option<Address>,
+
+    /// The same.
+    #[arg(long, value_name = "HOST[:PORT]", group = "where")]
+    connect: Option<Address>,
 
     /// Threads that render. [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
@@ -45,31 +53,60 @@ struct Args {
     #[arg(long)]
     once: bool,
 
-    /// Say more; twice, still more. RUST_LOG overrides it.
+    /// Leave when there has been no coordinator for so long: 90s, 10m, 2h. [default: never]
+    #[arg(long, value_name = "D", value_parser = duration)]
+    give_up_after: Option<Duration>,
+
+    /// Leave after so long, in order: the tile at work is finished, the others are returned. [default: never]
+    #[arg(long, value_name = "D", value_parser = duration)]
+    lifetime: Option<Duration>,
+
+    /// Leave up to so much earlier than --lifetime says, by chance, so that not all workers leave at once.
+    #[arg(long, value_name = "D", value_parser = duration, requires = "lifetime")]
+    lifetime_stagger: Option<Duration>,
+
+    /// Say more: -v steps, -vv details, -vvv everything. RUST_LOG overrides it.
     #[arg(short, long, action = ArgAction::Count)]
     verbose: u8,
 }
 
 fn main() -> ExitCode {
     let args = Args::parse();
-    log(args.verbose);
+    log::start(args.verbose);
     match run(args) {
         Ok(code) => code,
         Err(e) => {
-            eprintln!("worker: {e}");
+            log::say(&format!("worker: {e}"));
             ExitCode::from(1)
         }
     }
 }
 
-fn log(verbose: u8) {
-    let level = match verbose {
-        0 => "worker=info,warn",
-        1 => "worker=debug,info",
-        _ => "worker=trace,debug",
-    };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).init();
+/// A time of at least a millisecond and at most ten years: numbers with units, added up; seconds without one.
+fn duration(text: &str) -> Result<Duration, String> {
+    let wrong = || "expected a time, such as 90s, 1.5m, 1h30m or 500ms".to_owned();
+    let (mut rest, mut seconds) = (text.trim(), 0.0);
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
+        let number: f64 = rest[..digits].parse().map_err(|_| wrong())?;
+        rest = &rest[digits..];
+        let letters = rest.find(|c: char| !c.is_ascii_alphabetic()).unwrap_or(rest.len());
+        let unit = match &rest[..letters] {
+            "ms" => 1e-3,
+            "" | "s" => 1.0,
+            "m" | "min" => 60.0,
+            "h" => 3600.0,
+            "d" => 86_400.0,
+            _ => return Err(wrong()),
+        };
+        seconds += number * unit;
+        rest = &rest[letters..];
+    }
+    if (1e-3..=3653.0 * 86_400.0).contains(&seconds) {
+        Ok(Duration::from_secs_f64(seconds))
+    } else {
+        Err("a time is between a millisecond and ten years".into())
+    }
 }
 
 /// Why the program could not even start.
@@ -82,24 +119,38 @@ enum MainError {
 }
 
 fn run(args: Args) -> Result<ExitCode, MainError> {
-    let mut config = Config::new(args.connect);
+    // Clap sees to it that there is one.
+    let Some(connect) = args.connect.or(args.coordinator) else { return Ok(ExitCode::from(2)) };
+    let mut config = Config::new(connect);
     if let Some(threads) = args.threads {
         config.threads = threads as usize;
     }
     config.name = args.name.unwrap_or_else(|| gethostname::gethostname().to_string_lossy().into_owned());
     config.once = args.once;
+    config.give_up_after = args.give_up_after;
+    let earlier = args.lifetime_stagger.unwrap_or_default().mul_f64(fastrand::f64());
+    config.lifetime = args.lifetime.map(|lifetime| lifetime.saturating_sub(earlier));
     // The network needs little: the other threads are for rendering.
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let stop = CancellationToken::new();
     let code = runtime.block_on(async {
         let interrupted = on_signals(&stop)?;
         let left = worker::run(config, stop).await?;
-        tracing::info!("{}", if left == Left::Finished { "no more work: leaving" } else { "leaving" });
+        tracing::info!("{}", reason(left));
         Ok(if interrupted.is_cancelled() { ExitCode::from(130) } else { ExitCode::SUCCESS })
     });
     // A tile or a scene at work is of no use to anyone now.
     runtime.shutdown_background();
     code
+}
+
+/// Why it leaves.
+fn reason(left: Left) -> &'static str {
+    match left {
+        Left::Finished => "left: no more work",
+        Left::Stopped => "left: told to stop",
+        Left::Expired => "left: its lifetime is over",
+    }
 }
 
 /// Cancels `stop` at the first signal; leaves at once at the second SIGINT. What it gives says
@@ -142,4 +193,35 @@ fn on_signals(stop: &CancellationToken) -> std::io::Result<CancellationToken> {
         }
     });
     Ok(interrupted)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_definition_holds_together() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn a_coordinator_is_named_once_either_way() {
+        let parsed = |args: &[&str]| Args::try_parse_from([&["worker"], args].concat());
+        assert_eq!(parsed(&["localhost"]).unwrap().coordinator.unwrap().to_string(), "localhost:4747");
+        assert_eq!(parsed(&["--connect", "5015"]).unwrap().connect.unwrap().to_string(), "localhost:5015");
+        assert!(parsed(&[]).is_err() && parsed(&["a", "--connect", "b"]).is_err());
+        assert!(parsed(&["a", "--lifetime-stagger", "5m"]).is_err());
+    }
+
+    #[test]
+    fn times_have_units() {
+        for (text, seconds) in [("90s", 90.0), ("1.5m", 90.0), ("1h30m", 5400.0), ("250ms", 0.25), ("2", 2.0)] {
+            assert_eq!(duration(text).unwrap().as_secs_f64(), seconds, "{text}");
+        }
+        for bad in ["", "0", "-1s", "s", "1..5s", "NaN", "9999999d"] {
+            assert!(duration(bad).is_err(), "{bad}");
+        }
+    }
 }

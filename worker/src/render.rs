@@ -40,6 +40,8 @@ struct Desk {
     running: usize,
     /// When a tile was last finished; before the first, when the session began.
     last_end: Instant,
+    /// When the network last took one: threads that wait for that do not want for leases.
+    last_sent: Instant,
 }
 
 impl Foreman {
@@ -50,7 +52,8 @@ impl Foreman {
         out: mpsc::Sender<WorkerMessage>,
     ) -> Self {
         let at_once = if pool.current_num_threads() > 1 { 2 } else { 1 };
-        let desk = Mutex::new(Desk { queue: VecDeque::new(), running: 0, last_end: Instant::now() });
+        let now = Instant::now();
+        let desk = Mutex::new(Desk { queue: VecDeque::new(), running: 0, last_end: now, last_sent: now });
         Self(Arc::new(Inner { pool, tracer, format, transfer, at_once, out, desk }))
     }
 
@@ -98,7 +101,8 @@ impl Inner {
                     return;
                 };
                 let start = Instant::now();
-                let idle = if desk.running == 1 { start - desk.last_end.min(start) } else { Duration::ZERO };
+                let before = desk.last_end.max(desk.last_sent).min(start);
+                let idle = if desk.running == 1 { start - before } else { Duration::ZERO };
                 (lease, start, idle)
             };
             let kind = match self.render(&lease) {
@@ -120,6 +124,7 @@ impl Inner {
                 desk.running -= 1;
                 return;
             }
+            self.desk().last_sent = Instant::now();
         }
     }
 

@@ -79,8 +79,12 @@ impl From<Status> for Outcome {
 
 /// What a status says, with what lies beneath it.
 pub(crate) fn says(status: &Status) -> String {
-    let mut text = cause(status.message());
-    let mut source = status.source();
+    let text = with_causes(cause(status.message()), status.source());
+    if text.is_empty() { format!("{:?}", status.code()) } else { text }
+}
+
+/// `text` and what lies beneath it, everything once.
+fn with_causes(mut text: String, mut source: Option<&(dyn std::error::Error + 'static)>) -> String {
     while let Some(s) = source {
         let more = s.to_string();
         if !text.contains(&more) {
@@ -88,7 +92,7 @@ pub(crate) fn says(status: &Status) -> String {
         }
         source = s.source();
     }
-    if text.is_empty() { format!("{:?}", status.code()) } else { text }
+    text
 }
 
 /// Ends a task when nobody is left to wait for it.
@@ -126,6 +130,8 @@ impl Session {
     }
 
     async fn dial(&self) -> Result<Channel, Outcome> {
+        // A name may come to be known later, as its machine does.
+        self.config.connect.resolve().await.map_err(|e| Outcome::Lost(e.to_string()))?;
         let endpoint = Endpoint::from_shared(format!("http://{}", self.config.connect))
             .map_err(|e| Outcome::Refused(e.to_string()))?
             .connect_timeout(REGISTER_WITHIN)
@@ -135,13 +141,10 @@ impl Session {
             .initial_stream_window_size(WINDOW)
             .initial_connection_window_size(WINDOW);
         endpoint.connect().await.map_err(|e| {
-            let mut text = "cannot connect".to_owned();
-            let mut source = e.source();
-            while let Some(s) = source {
-                text = format!("{text}: {s}");
-                source = s.source();
-            }
-            Outcome::Lost(text)
+            let causes = with_causes(String::new(), e.source());
+            // What the operating system says is what people know.
+            let cause = causes.rsplit(": ").next().unwrap_or_default();
+            Outcome::Lost(format!("cannot connect: {}", cause.split(" (os error").next().unwrap_or_default()))
         })
     }
 
@@ -164,13 +167,17 @@ impl Session {
                 _ => Err(Outcome::Lost("the coordinator did not answer as one".into())),
             }
         };
-        let (inbox, welcome) = timeout(2 * REGISTER_WITHIN, talk)
-            .await
-            .map_err(|_| Outcome::Lost("the coordinator does not answer".into()))??;
+        let no_answer = || Outcome::Lost("the coordinator does not answer".into());
+        let (inbox, welcome) = timeout(2 * REGISTER_WITHIN, talk).await.map_err(|_| no_answer())??;
         tracing::info!("registered with {} as {:?}", self.config.connect, cause(&welcome.name));
         let millis = |ms: u32| Duration::from_millis(u64::from(ms.clamp(50, 60_000)));
         let session = SessionId(welcome.session);
-        let heart = beat(client.clone(), session, millis(welcome.heartbeat_interval_ms), millis(welcome.dead_after_ms));
+        // On a connection of their own, beats do not wait behind results.
+        let beats = match &self.config.local {
+            Some(_) => client.clone(),
+            None => FarmClient::new(timeout(REGISTER_WITHIN, self.dial()).await.map_err(|_| no_answer())??),
+        };
+        let heart = beat(beats, session, millis(welcome.heartbeat_interval_ms), millis(welcome.dead_after_ms));
         Ok(Talk { client, session, out, inbox, heart: tokio::spawn(heart) })
     }
 

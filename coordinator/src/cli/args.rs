@@ -159,9 +159,12 @@ pub(crate) struct Render {
     /// Threads of all workers in this process together [default: one a core]
     #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024), allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) threads: Option<u16>,
-    /// Also take workers that connect from elsewhere: HOST[:PORT], port 4747 where none is given
+    /// Also take workers that connect from elsewhere: HOST[:PORT] or PORT, port 4747 where none is given
     #[arg(long, value_name = "ADDR", help_heading = "Farm")]
     pub(crate) listen: Option<String>,
+    /// How long to go on without any worker: 90s, 1h, 'forever' [default: 30s for the first, 5m after one was lost]
+    #[arg(long, value_name = "D|forever", value_parser = patience, allow_hyphen_values = true, help_heading = "Farm")]
+    pub(crate) wait_for_workers: Option<Duration>,
     /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) tile: TileArg,
@@ -338,7 +341,15 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
     if (1e-3..=366.0 * 86_400.0).contains(&seconds) {
         Ok(Duration::from_secs_f64(seconds))
     } else {
-        Err("a time limit is between a millisecond and a year".into())
+        Err("a time is between a millisecond and a year".into())
+    }
+}
+
+/// How long to wait, where that may be for ever.
+fn patience(text: &str) -> Result<Duration, String> {
+    match text.trim() {
+        "forever" => Ok(Duration::MAX),
+        text => duration(text).map_err(|e| format!("{e}; or 'forever'")),
     }
 }
 
@@ -391,6 +402,9 @@ mod tests {
         for (text, s) in [("90s", 90.0), ("1.5m", 90.0), ("1h30m", 5400.0), ("250ms", 0.25), ("2", 2.0)] {
             assert_eq!(seconds(text), Ok(s), "{text}");
         }
+        assert_eq!(patience("forever"), Ok(Duration::MAX));
+        assert_eq!(patience("5m"), Ok(Duration::from_secs(300)));
+        assert!(patience("never").is_err_and(|e| e.contains("forever")));
         for bad in ["", "0", "-1s", "5d", "s", "1..5s", "1e9h", "NaN", "inf"] {
             assert!(duration(bad).is_err(), "{bad}");
         }

@@ -37,7 +37,7 @@ pub(crate) fn run(raw: &Check, console: &Console) -> Result<Exit, Failure> {
         };
         let described = Description::new(&file, &scene).to_text();
         let condition = ConditionJson::from(PreparedScene::build(scene).condition());
-        console.out(&format!("{file}: {verdict}\n{described}{}", condition.to_text()));
+        console.out(&format!("{file}: {verdict}\n{described}{}", condition.to_text()))?;
         return Ok(Exit::Done);
     }
     let (errors, warnings) = read.counts();
@@ -51,6 +51,6 @@ pub(crate) fn run(raw: &Check, console: &Console) -> Result<Exit, Failure> {
         condition: read.scene.as_ref().map(|scene| PreparedScene::build(Arc::new(scene.clone())).condition().into()),
     };
     let text = serde_json::to_string_pretty(&checked).map_err(|e| Failure::new(Exit::Failed, e))?;
-    console.out(&(text + "\n"));
+    console.out(&(text + "\n"))?;
     Ok(if checked.valid { Exit::Done } else { Exit::Scene })
 }

@@ -57,9 +57,9 @@ pub(crate) fn run(raw: &Compare, console: &Console) -> Result<Exit, Failure> {
     let result = Comparison::new(raw, transfer, &metrics);
     if raw.json {
         let text = serde_json::to_string_pretty(&result).map_err(|e| Failure::new(Exit::Failed, e))?;
-        console.out(&(text + "\n"));
+        console.out(&(text + "\n"))?;
     } else {
-        console.out(&result.to_text(&metrics));
+        console.out(&result.to_text(&metrics))?;
     }
     Ok(if result.within { Exit::Done } else { Exit::Failed })
 }

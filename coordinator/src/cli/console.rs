@@ -7,6 +7,8 @@ use indicatif::{MultiProgress, ProgressDrawTarget, TermLike};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
+use super::exit::{Exit, Failure};
+
 /// What a word is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Tone {
@@ -16,8 +18,8 @@ pub(crate) enum Tone {
     Warning,
 }
 
-/// Stdout and stderr, shared with the progress bar. A closed pipe is not an error:
-/// whoever closed it does not want the rest.
+/// Stdout and stderr, shared with the progress bar. Whoever closes a pipe does not want the rest, which is no
+/// error; results that are wanted and cannot be written are one. Nothing that happens to stderr ends anything.
 #[derive(Clone, Debug)]
 pub(crate) struct Console {
     bars: MultiProgress,
@@ -43,10 +45,11 @@ impl Console {
 
     /// Starts logging to stderr; does nothing when logging has started already.
     pub(crate) fn log(&self, verbosity: u8) {
+        // Who comes and goes is said always; other people's layers speak for themselves only at the loudest.
         let default = match verbosity {
-            0 => "warn",
+            0 => "warn,farm=info",
             1 => "info",
-            2 => "debug",
+            2 => "debug,h2=warn,hyper=warn,hyper_util=warn,tonic=warn,tower=warn",
             _ => "trace",
         };
         let filter = match std::env::var("RUST_LOG") {
@@ -56,13 +59,18 @@ impl Console {
         let _ = tracing_subscriber::fmt()
             .with_env_filter(filter)
             .with_ansi(self.colour)
+            .with_target(verbosity > 1)
             .with_writer(LogWriter(self.clone()))
             .try_init();
     }
 
     /// A result: as it is, to stdout.
-    pub(crate) fn out(&self, text: &str) {
-        let _ = stdout().lock().write_all(text.as_bytes());
+    ///
+    /// # Errors
+    /// When it is wanted and cannot be written.
+    pub(crate) fn out(&self, text: &str) -> Result<(), Failure> {
+        let written = stdout().lock().write_all(text.as_bytes()).and_then(|()| stdout().flush());
+        written_out(written)
     }
 
     /// A line to stderr.
@@ -92,6 +100,16 @@ impl Console {
             Tone::Warning => "1;33",
         };
         format!("\x1b[{code}m{text}\x1b[0m")
+    }
+}
+
+/// What became of a result: whoever closed the pipe did not want it, all else is a failure.
+pub(crate) fn written_out(written: std::io::Result<()>) -> Result<(), Failure> {
+    match written {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::new(Exit::Failed, format!("cannot write to stdout: {e}")))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -157,7 +175,8 @@ struct LogLine<'a>(&'a Console);
 
 impl Write for LogLine<'_> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.bars.suspend(|| stderr().lock().write_all(bytes))?;
+        // The log layer would say on stderr that stderr cannot be written, and panic over it.
+        let _ = self.0.bars.suspend(|| stderr().lock().write_all(bytes));
         Ok(bytes.len())
     }
 

@@ -29,9 +29,18 @@ pub(crate) fn run() -> Exit {
     let args = match Args::try_parse() {
         Ok(args) => args,
         Err(e) => {
-            // Help and version are no errors: they go to stdout. Nothing is left to do where that is closed.
-            let _ = e.print();
-            return if e.use_stderr() { Exit::Usage } else { Exit::Done };
+            // Help and version are no errors: they go to stdout, and are results.
+            let printed = e.print();
+            if e.use_stderr() {
+                return Exit::Usage;
+            }
+            return match console::written_out(printed) {
+                Ok(()) => Exit::Done,
+                Err(failure) => {
+                    Console::new().error(&failure.message);
+                    failure.exit
+                }
+            };
         }
     };
     let console = Console::new();
@@ -44,8 +53,7 @@ pub(crate) fn run() -> Exit {
         Command::Completions { shell } => {
             let mut text = Vec::new();
             clap_complete::generate(shell, &mut Args::command(), "coordinator", &mut text);
-            console.out(&String::from_utf8_lossy(&text));
-            Ok(Exit::Done)
+            console.out(&String::from_utf8_lossy(&text)).map(|()| Exit::Done)
         }
     };
     done.unwrap_or_else(|failure| {

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use coordinator::{ListenAddr, PixelFormat, TileSize};
+use coordinator::{ListenAddr, Patience, PixelFormat, TileSize};
 use tessera_core::film::Region;
 use tessera_core::film::file::{Depth, Output};
 use tessera_core::settings::{Quality, Sampling, Settings, View};
@@ -28,6 +28,7 @@ pub(crate) struct Options {
     pub(crate) workers: usize,
     pub(crate) threads: usize,
     pub(crate) listen: Option<String>,
+    pub(crate) patience: Patience,
     pub(crate) report: Option<ReportTo>,
     pub(crate) progress: ProgressArg,
     /// What was asked for and will have no effect.
@@ -136,6 +137,7 @@ impl Options {
             workers,
             threads: raw.threads.map_or_else(cores, usize::from),
             listen: raw.listen,
+            patience: raw.wait_for_workers.map_or_else(Patience::default, Patience::from),
             report,
             progress: raw.progress,
             notes,
@@ -153,7 +155,7 @@ fn default_output(scene: &Path) -> Result<PathBuf, Failure> {
     Ok(name.into())
 }
 
-/// The address that `--listen` means: HOST, HOST:PORT, :PORT, an IPv6 address with or without brackets.
+/// The address that `--listen` means: HOST, HOST:PORT, PORT, :PORT, an IPv6 address with or without brackets.
 pub(crate) async fn resolve(listen: &str) -> Result<ListenAddr, Failure> {
     let (host, port) = split(listen).map_err(|why| Failure::usage(format!("--listen {listen}: {why}")))?;
     let failed = |why: &str| {
@@ -166,6 +168,11 @@ pub(crate) async fn resolve(listen: &str) -> Result<ListenAddr, Failure> {
 fn split(listen: &str) -> Result<(String, u16), &'static str> {
     if let Ok(addr) = listen.parse::<SocketAddr>() {
         return Ok((addr.ip().to_string(), addr.port()));
+    }
+    // A number alone is a port, not the address 0.0.19.151.
+    if !listen.is_empty() && listen.bytes().all(|b| b.is_ascii_digit()) {
+        let port = listen.parse().map_err(|_| "the port must be a number from 0 to 65535")?;
+        return Ok(("0.0.0.0".to_owned(), port));
     }
     if let Ok(ip) = listen.trim_start_matches('[').trim_end_matches(']').parse::<std::net::IpAddr>() {
         return Ok((ip.to_string(), DEFAULT_PORT));
@@ -194,6 +201,7 @@ mod tests {
         assert_eq!(ok("farm").unwrap(), "farm 4747");
         assert_eq!(ok("farm:9").unwrap(), "farm 9");
         assert_eq!(ok(":9").unwrap(), "0.0.0.0 9");
-        assert!(ok("farm:99999").is_err() && ok("farm:").is_err() && ok("a:b:1").is_err());
+        assert_eq!(ok("5015").unwrap(), "0.0.0.0 5015");
+        assert!(ok("99999").is_err() && ok("farm:99999").is_err() && ok("farm:").is_err() && ok("a:b:1").is_err());
     }
 }

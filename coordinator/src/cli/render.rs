@@ -75,6 +75,7 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
         workers: options.workers,
         threads: options.threads,
         goal: goal(&options, began),
+        patience: options.patience,
         ..RenderJob::new(source, options.settings)
     };
     let last = job.scene.clone();
@@ -222,7 +223,7 @@ fn finish(
     let report = Report::new(options, (name, pixels_sha256), description, rendered, &phases, began.elapsed());
     let text = report.to_text().map_err(|e| failed(&e))?;
     match to {
-        ReportTo::Stdout => Console::new().out(&text),
+        ReportTo::Stdout => Console::new().out(&text)?,
         ReportTo::File(path) => write_text(path, &text).map_err(|e| failed(&e))?,
     }
     Ok(())

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 use tessera_core::scene::Scene;
-use tessera_core::xml::{self, Diagnostic, ReadOptions, Severity};
+use tessera_core::xml::{self, Code, Diagnostic, ReadOptions, Severity};
 
 use super::console::{Console, Tone};
 use super::exit::{Exit, Failure};
@@ -77,8 +77,12 @@ impl Read {
 
 /// Says what is wrong with a scene, and gives it back if it can be rendered.
 pub(crate) fn accept(read: Read, path: &Path, console: &Console) -> Result<Arc<Scene>, Failure> {
-    read.tell(console);
     let (errors, _) = read.counts();
+    if let [Diagnostic { code: Code::Io, message, .. }] = &read.diagnostics[..] {
+        // Nothing was read: what is in it is not the matter.
+        return Err(Failure::new(Exit::Scene, format!("'{}': {message}", path.display())));
+    }
+    read.tell(console);
     read.scene.map(Arc::new).ok_or_else(|| {
         let errors = if errors == 1 { "1 error".into() } else { format!("{errors} errors") };
         Failure::new(Exit::Scene, format!("'{}' is not a valid scene: {errors}", path.display()))

@@ -17,7 +17,8 @@ use tonic::Status;
 
 use super::pace::Pace;
 use super::passing::Passing;
-use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
+use super::pulse::Pulse;
+use super::service::{BROKE, Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
@@ -29,6 +30,11 @@ const WORKERS: usize = 10_000;
 /// How long workers are given to hear that the render is over.
 const GOODBYE_WITHIN: Duration = Duration::from_millis(250);
 
+/// Between two looks at the pulses of workers.
+const PULSE_EVERY: Duration = Duration::from_millis(100);
+/// What comes and goes is said under this name, also where nothing else is.
+const FARM: &str = "farm";
+
 /// A worker that is connected.
 struct Seat {
     session: SessionId,
@@ -37,6 +43,13 @@ struct Seat {
     instance: InstanceId,
     /// Place of its figures in [`Progress::workers`].
     place: usize,
+    /// Whether it is one of this process.
+    own: bool,
+    pulse: Pulse,
+    /// Its pulse when it was last looked at.
+    felt: u64,
+    /// Tiles that it left unanswered.
+    lost: u64,
 }
 
 /// See the [module](self).
@@ -60,6 +73,8 @@ pub(super) struct Driver {
     /// Workers that broke the rules, and how.
     banned: HashMap<InstanceId, String>,
     next_worker: u64,
+    /// When pulses are looked at next.
+    pulse_at: Duration,
     last_cause: Option<String>,
 }
 
@@ -90,6 +105,7 @@ impl Driver {
             places: HashMap::new(),
             banned: HashMap::new(),
             next_worker: 0,
+            pulse_at: Duration::ZERO,
             last_cause: None,
         }
     }
@@ -200,7 +216,6 @@ impl Driver {
             // Words that were on their way when the session ended.
             Heard::Said { worker, .. } if !self.seats.contains_key(&worker) => None,
             Heard::Said { worker, said } => match said {
-                Said::Beat => self.tell(Event::Heard { worker }, None).await,
                 Said::Ready => self.tell(Event::Ready { worker }, None).await,
                 Said::Draining => self.tell(Event::Draining { worker }, None).await,
                 Said::Returned { lease, attempt } => self.tell(Event::Returned { worker, lease, attempt }, None).await,
@@ -257,7 +272,9 @@ impl Driver {
             self.progress.send_modify(|p| (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining));
         }
         let teller = event.worker();
-        self.scheduler.handle(event, self.start.elapsed(), &mut effects);
+        let now = self.start.elapsed();
+        self.feel_pulses(now, &mut effects);
+        self.scheduler.handle(event, now, &mut effects);
         let mut end = None;
         let mut touched: BTreeSet<WorkerKey> = teller.into_iter().collect();
         for effect in effects {
@@ -288,6 +305,9 @@ impl Driver {
                 }
                 Effect::Lost { worker, tiles } => {
                     self.figures(worker, |w| w.lost += tiles);
+                    if let Some(seat) = self.seats.get_mut(&worker) {
+                        seat.lost += tiles;
+                    }
                 }
                 Effect::CutOff { worker, why } => self.cut_off(worker, &why),
                 Effect::End(e) => {
@@ -310,8 +330,23 @@ impl Driver {
         end
     }
 
+    /// Tells the scheduler now and then of whom something was heard since, and lets the clock run on.
+    fn feel_pulses(&mut self, now: Duration, effects: &mut Vec<Effect>) {
+        if now < self.pulse_at {
+            return;
+        }
+        self.pulse_at = now + PULSE_EVERY;
+        for (&worker, seat) in &mut self.seats {
+            let last = seat.pulse.last();
+            if std::mem::replace(&mut seat.felt, last) != last {
+                self.scheduler.handle(Event::Heard { worker }, now, effects);
+            }
+        }
+        self.progress.send_modify(|p| p.elapsed = now);
+    }
+
     async fn admit(&mut self, joined: Joined) -> Option<Result<(), RenderError>> {
-        let Joined { registration, address, mouth, cut, reply } = joined;
+        let Joined { registration, address, pulse, mouth, cut, reply } = joined;
         if reply.is_closed() {
             // It has given up waiting for an answer.
             return None;
@@ -345,14 +380,20 @@ impl Driver {
             dead_after_ms: self.timing.dead_after.as_millis() as u32,
         };
         let sessions = &self.door.sessions;
-        sessions.lock().unwrap_or_else(PoisonError::into_inner).insert(session, Visitor::new(worker));
-        self.seats.insert(worker, Seat { session, mouth, cut, instance, place });
+        sessions.lock().unwrap_or_else(PoisonError::into_inner).insert(session, Visitor::new(pulse.clone()));
+        let (threads, own) = (registration.threads, registration.local.is_some());
+        self.seats.insert(worker, Seat { session, mouth, cut, instance, place, own, pulse, felt: 0, lost: 0 });
         self.say(worker, Kind::Welcome(welcome));
         if reply.send(Ok((worker, session))).is_err() {
             return self.left(worker, "it left while registering".into()).await;
         }
-        tracing::info!("{name} joined with {} threads", registration.threads);
-        self.tell(Event::Joined { worker, threads: registration.threads, instance }, None).await
+        let verb = if known.is_some() { "is back" } else { "joined" };
+        match (own, threads) {
+            (true, _) => tracing::debug!("{name} {verb}"),
+            (false, 1) => tracing::info!(target: FARM, "{name} {verb} with 1 thread"),
+            (false, n) => tracing::info!(target: FARM, "{name} {verb} with {n} threads"),
+        }
+        self.tell(Event::Joined { worker, threads, instance, own }, None).await
     }
 
     /// Where a worker's figures are kept, and the name they are kept under: its own, unless
@@ -409,11 +450,7 @@ impl Driver {
     }
 
     fn unseat(&mut self, worker: WorkerKey, cause: &str) {
-        if cause == IN_PEACE {
-            tracing::info!("{} left", self.name(worker));
-        } else {
-            tracing::warn!("{} left: {cause}", self.name(worker));
-        }
+        self.say_left(worker, cause);
         self.figures(worker, |w| {
             w.connected = false;
             w.holds = 0;
@@ -423,6 +460,26 @@ impl Driver {
         if let Some(seat) = self.seats.remove(&worker) {
             self.door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&seat.session);
             seat.cut.cancel();
+        }
+    }
+
+    /// Says that a worker left, in the farm's words; what lies beneath only to whoever asks for it.
+    fn say_left(&self, worker: WorkerKey, cause: &str) {
+        let name = self.name(worker);
+        let lost = match self.seats.get(&worker).map_or(0, |s| s.lost) {
+            0 => String::new(),
+            1 => "; 1 tile given to others".into(),
+            n => format!("; {n} tiles given to others"),
+        };
+        if cause == IN_PEACE && self.seats.get(&worker).is_some_and(|s| s.own) {
+            tracing::debug!("{name} left{lost}");
+        } else if cause == IN_PEACE {
+            tracing::info!(target: FARM, "{name} left{lost}");
+        } else if cause.starts_with(BROKE) {
+            tracing::warn!(target: FARM, "{name} left: connection lost{lost}");
+            tracing::info!("{name}: {cause}");
+        } else {
+            tracing::warn!(target: FARM, "{name} left: {cause}{lost}");
         }
     }
 

@@ -14,11 +14,16 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::server::{Connected, TcpConnectInfo};
 
+use super::pulse::Pulse;
+
 /// Connections at once, at most: below the usual limit of open files, which would make
 /// accepting fail in a busy loop.
 const CONNECTIONS: usize = 900;
 /// How long a connection may take to say its first byte.
 const SPEAK_WITHIN: Duration = Duration::from_secs(5);
+/// Fewer bytes at a time may be the answer to a ping, which a connection gives by itself: a worker may be dead behind
+/// it.
+const MORE_THAN_A_PING: usize = 128;
 /// Pause after accepting failed.
 const AFTER_FAILURE: Duration = Duration::from_millis(200);
 
@@ -40,7 +45,8 @@ pub(super) fn accept(listener: TcpListener, stop: CancellationToken) -> Receiver
                     // Small messages must not wait for large ones.
                     let _ = stream.set_nodelay(true);
                     let silence = Some(Box::pin(tokio::time::sleep(SPEAK_WITHIN)));
-                    if sender.send(Ok(Guarded { stream, silence, _permit: permit })).await.is_err() {
+                    let pulse = Pulse::default();
+                    if sender.send(Ok(Guarded { stream, silence, pulse, _permit: permit })).await.is_err() {
                         return;
                     }
                 }
@@ -59,22 +65,36 @@ pub(super) fn accept(listener: TcpListener, stop: CancellationToken) -> Receiver
 pub(super) struct Guarded {
     stream: TcpStream,
     silence: Option<Pin<Box<Sleep>>>,
+    /// Bytes are signs of life, whatever they belong to: on a slow line a result takes longer than a worker may
+    /// be silent.
+    pulse: Pulse,
     _permit: OwnedSemaphorePermit,
 }
 
-impl Connected for Guarded {
-    type ConnectInfo = TcpConnectInfo;
+/// Whose connection a request came over.
+#[derive(Clone, Debug)]
+pub(super) struct Peer {
+    pub(super) tcp: TcpConnectInfo,
+    pub(super) pulse: Pulse,
+}
 
-    fn connect_info(&self) -> TcpConnectInfo {
-        self.stream.connect_info()
+impl Connected for Guarded {
+    type ConnectInfo = Peer;
+
+    fn connect_info(&self) -> Peer {
+        Peer { tcp: self.stream.connect_info(), pulse: self.pulse.clone() }
     }
 }
 
 impl AsyncRead for Guarded {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        let before = buf.filled().len();
         let read = Pin::new(&mut self.stream).poll_read(cx, buf);
         if read.is_ready() {
             self.silence = None;
+            if buf.filled().len() - before >= MORE_THAN_A_PING {
+                self.pulse.beat();
+            }
         } else if let Some(silence) = &mut self.silence
             && silence.as_mut().poll(cx).is_ready()
         {

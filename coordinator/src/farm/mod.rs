@@ -4,6 +4,7 @@ mod driver;
 mod incoming;
 mod pace;
 mod passing;
+mod pulse;
 mod service;
 mod stitch;
 mod timing;
@@ -160,6 +161,7 @@ impl Farm {
             tile: job.tile,
             samples,
             expected: hired.as_ref().map_or(0, |hired| hired.count),
+            bytes_per_pixel: job.pixels.bytes_per_pixel() as u64,
             patience: job.patience,
             suspect_after: job.timing.suspect_after,
             dead_after: job.timing.dead_after,

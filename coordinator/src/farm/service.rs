@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::Duration;
 
 use tessera_core::scene::Scene;
 use tessera_core::settings::Settings;
@@ -15,11 +14,13 @@ use tessera_proto::wire::worker_message::Kind;
 use tessera_proto::wire::{self, BeatReply, BeatRequest, CoordinatorMessage, ScenePiece, SceneRequest, WorkerMessage};
 use tessera_proto::{Attempt, LeaseId, PixelFormat, SceneHash, SessionId};
 use tokio::sync::{OnceCell, mpsc, oneshot};
-use tokio::time::{Instant, timeout};
+use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
 use tonic::{Request, Response, Status, Streaming};
 
+use super::incoming::Peer;
+use super::pulse::Pulse;
 use crate::scheduler::WorkerKey;
 
 /// Messages to one worker that wait to be sent; a worker that lets more pile up does not read.
@@ -28,8 +29,8 @@ pub(super) const MOUTH: usize = 128;
 /// How a worker leaves that ends its half of the stream.
 pub(super) const IN_PEACE: &str = "it ended the session";
 
-/// Heartbeats closer together than this count as one.
-const LEAST_BEAT: Duration = Duration::from_millis(20);
+/// How causes begin that are the network's.
+pub(super) const BROKE: &str = "the connection broke";
 
 /// Where the driver speaks to a worker.
 pub(super) type Mouth = mpsc::Sender<Result<CoordinatorMessage, Status>>;
@@ -50,6 +51,8 @@ pub(super) enum Heard {
 pub(super) struct Joined {
     pub(super) registration: Registration,
     pub(super) address: String,
+    /// When something was last heard of it.
+    pub(super) pulse: Pulse,
     pub(super) mouth: Mouth,
     /// Ends the session's reader.
     pub(super) cut: CancellationToken,
@@ -59,7 +62,6 @@ pub(super) struct Joined {
 /// What a worker says once registered, in core's words.
 #[derive(Debug)]
 pub(super) enum Said {
-    Beat,
     Ready,
     Done(TileDone),
     Failed {
@@ -101,27 +103,13 @@ pub(super) struct Door {
 /// A session, as the other calls see it.
 #[derive(Clone, Debug)]
 pub(super) struct Visitor {
-    pub(super) worker: WorkerKey,
     fetching: Arc<AtomicBool>,
-    last_beat: Arc<Mutex<Option<Instant>>>,
+    pulse: Pulse,
 }
 
 impl Visitor {
-    pub(super) fn new(worker: WorkerKey) -> Self {
-        Self { worker, fetching: Arc::default(), last_beat: Arc::default() }
-    }
-}
-
-impl Visitor {
-    /// Whether a heartbeat is worth passing on: a flood of them is not.
-    fn beats(&self) -> bool {
-        let mut last = self.last_beat.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = Instant::now();
-        let worth = last.is_none_or(|l| now - l >= LEAST_BEAT);
-        if worth {
-            *last = Some(now);
-        }
-        worth
+    pub(super) fn new(pulse: Pulse) -> Self {
+        Self { fetching: Arc::default(), pulse }
     }
 }
 
@@ -196,7 +184,7 @@ impl Door {
             let said = match inbox.message().await {
                 Ok(Some(message)) => self.understand(message),
                 Ok(None) => return IN_PEACE.into(),
-                Err(status) => return format!("the connection broke: {}", told(status)),
+                Err(status) => return format!("{BROKE}: {}", told(status)),
             };
             if self.heard.send(Heard::Said { worker, said }).await.is_err() {
                 return "the render is over".into();
@@ -254,7 +242,10 @@ impl farm_server::Farm for Service {
     type FetchSceneStream = ReceiverStream<Result<ScenePiece, Status>>;
 
     async fn work(&self, request: Request<Streaming<WorkerMessage>>) -> Result<Response<Self::WorkStream>, Status> {
-        let address = request.remote_addr().map_or_else(|| "unknown".into(), |a| a.to_string());
+        let peer = request.extensions().get::<Peer>().cloned();
+        let address = peer.as_ref().and_then(|p| p.tcp.remote_addr());
+        let address = address.map_or_else(|| "unknown".into(), |a| a.to_string());
+        let pulse = peer.map(|p| p.pulse).unwrap_or_default();
         let mut inbox = request.into_inner();
         let first = timeout(REGISTER_WITHIN, inbox.message())
             .await
@@ -274,7 +265,7 @@ impl farm_server::Farm for Service {
         let (mouth, words) = mpsc::channel(MOUTH);
         let (reply, answer) = oneshot::channel();
         let cut = CancellationToken::new();
-        let joined = Joined { registration, address, mouth: mouth.clone(), cut: cut.clone(), reply };
+        let joined = Joined { registration, address, pulse, mouth: mouth.clone(), cut: cut.clone(), reply };
         self.0.heard.send(Heard::Joined(joined)).await.map_err(|_| over())?;
         let (worker, session) = answer.await.map_err(|_| over())??;
         let door = self.0.clone();
@@ -290,12 +281,8 @@ impl farm_server::Farm for Service {
     }
 
     async fn beat(&self, request: Request<BeatRequest>) -> Result<Response<BeatReply>, Status> {
-        let visitor = self.0.visitor(request.get_ref().session)?;
-        if !visitor.beats() {
-            return Ok(Response::new(BeatReply {}));
-        }
-        let worker = visitor.worker;
-        self.0.heard.send(Heard::Said { worker, said: Said::Beat }).await.map_err(|_| over())?;
+        // The driver looks at it now and then: beats wait in no queue, and a flood of them fills none.
+        self.0.visitor(request.get_ref().session)?.pulse.beat();
         Ok(Response::new(BeatReply {}))
     }
 

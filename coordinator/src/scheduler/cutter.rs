@@ -85,6 +85,12 @@ impl Cutter {
         self.spare.push(region);
     }
 
+    /// Regions that are kept one by one.
+    #[cfg(test)]
+    pub(super) fn spares(&self) -> usize {
+        self.spare.len()
+    }
+
     fn cell_at(&mut self, index: u64) -> Option<Region> {
         let columns = u64::from(self.grid.0);
         if columns == 0 {

@@ -6,7 +6,7 @@ use tessera_core::film::Region;
 use tessera_proto::convert::Lease;
 use tessera_proto::{Attempt, InstanceId, LeaseId};
 
-use crate::job::TileSize;
+use crate::job::{Patience, TileSize};
 
 /// One session of a worker. Never used twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -23,8 +23,10 @@ pub(crate) struct Config {
     pub(crate) samples: u32,
     /// Workers that are known to come.
     pub(crate) expected: usize,
+    /// Of a pixel in a worker's answers.
+    pub(crate) bytes_per_pixel: u64,
     /// How long to go on without any worker.
-    pub(crate) patience: Duration,
+    pub(crate) patience: Patience,
     /// Silence that makes a worker suspect.
     pub(crate) suspect_after: Duration,
     /// Silence that ends its session.
@@ -36,8 +38,8 @@ pub(crate) struct Config {
 /// What happened.
 #[derive(Clone, Debug)]
 pub(crate) enum Event {
-    /// A worker registered.
-    Joined { worker: WorkerKey, threads: u32, instance: InstanceId },
+    /// A worker registered; `own`: one of the coordinator's process.
+    Joined { worker: WorkerKey, threads: u32, instance: InstanceId, own: bool },
     /// It prepared the scene.
     Ready { worker: WorkerKey },
     /// It gave a sign of life.

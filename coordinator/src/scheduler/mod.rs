@@ -10,24 +10,25 @@
 //!           cut for a worker with room
 //!   uncut ──────────────────────────────▶ leased ─────▶ done
 //!     ▲                                    │  ▲   first result, in the picture once
-//!     │ given back, never tried            │  │
-//!     └────────────────────────────────────┤  │ to a worker it has not failed on, if there is one
-//!                 failed, or lost with its │  │
-//!                 worker: one strike       ▼  │
-//!                                        waiting ─────▶ the render ends
-//!                                               three strikes
+//!     │ given back, or lost for a cause    │  │
+//!     │ that is not its own                │  │ nothing is left to be cut
+//!     └────────────────────────────────────┤  │
+//!             failed, lost with its worker │  │
+//!             alone, or long overdue       ▼  │
+//!                                        wanted ─────▶ the render ends: three strikes
 //! ```
 //!
-//! A leased tile has one to [`MAX_COPIES`] leases. All but the first are given to
-//! workers that would otherwise be idle at the end, where the holder is expected to
-//! finish later than they would, or is overdue, or silent.
+//! A leased tile has a lease of a worker of which an answer can be expected, and up to [`MAX_COPIES`]
+//! of them: all but the first are given to workers that would otherwise be idle at the end, where the
+//! holder is expected to finish later than they would. Leases that are overdue, or of workers that are silent, do
+//! not count. A tile that is in doubt (`blame`) is leased after everything else, and to fewer at a time.
 //!
 //! # A worker's states
 //!
 //! ```text
-//!   joined ─▶ preparing ──▶ ready ◀──▶ suspect (silent for a while: no new leases)
-//!                │            │           │
-//!                │            ▼           ▼
+//!   joined ─▶ preparing ──▶ ready ◀──▶ suspect: silent for a while   ─┐ no new leases
+//!                │            │ ◀────▶ stuck: beats, and has long    ─┘
+//!                │            ▼             been due to deliver
 //!                └────────▶ draining ──▶ gone
 //! ```
 //!
@@ -40,45 +41,55 @@
 //! Each worker gets a share of what is left, as large as its measured speed among all,
 //! halved (guided self-scheduling after Polychronopoulos and Kuck, 1987), less where tiles have
 //! turned out to cost very unlike amounts, but no more than [`LONGEST`] and no less than
-//! [`SHORTEST`] of its time. A quick worker holds several, so that it has work while answers and
-//! leases wait for a processor; what it has not begun at the end goes to whoever is idle.
+//! [`SHORTEST`] of its time, both longer in a large crowd, and no more than its line carries (`line`).
+//! A quick worker holds several, so that it has work while answers and leases wait for a processor; what it
+//! has not begun at the end goes to whoever is idle.
+//!
+//! # Cost
+//!
+//! An event touches one worker and what it holds: sums over all of them are kept up to date (`crowd`), those with
+//! room are kept in order. Only what is looked at every few hundred milliseconds (silence, progress) and the end
+//! of a pass walk over all workers.
 
+mod assist;
+mod blame;
+mod crowd;
 mod cutter;
+mod grant;
+mod line;
 mod message;
+mod roster;
+#[cfg(test)]
+mod simulation;
 mod size;
 #[cfg(test)]
 mod tests;
+mod watch;
 mod worker;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::settings::Pass;
-use tessera_proto::convert::Lease;
 use tessera_proto::{Attempt, InstanceId, LeaseId, PassNumber};
 
+use blame::{Loss, Strike};
+use crowd::{Crowd, Place};
 use cutter::Cutter;
 pub(crate) use message::{Config, CutOff, Effect, End, Event, WorkerKey};
-use worker::{Phase, Worker};
+use worker::{Delivery, Phase, Worker};
 
-/// The most of a worker's time that one tile should take.
+/// The most of a worker's time that one tile should take, in a small crowd.
 pub(crate) const LONGEST: Duration = Duration::from_millis(100);
-/// The least of a worker's time that is worth a tile of its own.
+/// The least of a worker's time that is worth a tile of its own, in a small crowd.
 pub(crate) const SHORTEST: Duration = Duration::from_micros(1500);
-/// Leases that one tile has at once, at most.
+/// Leases of a tile that are not overdue, at most.
 const MAX_COPIES: usize = 3;
 /// Leases that one worker holds at once, at most.
 const MAX_DEPTH: usize = 32;
 /// Answers that a worker may owe to revoked leases.
 const MAX_REVOKED: usize = 256;
-/// Workers that fail at a tile, or reports of failure, that end the render.
-const STRIKES: usize = 3;
-/// Failures of any kind that end the render, so that one worker that keeps coming back cannot
-/// fail for ever.
-const STRIKES_IN_ALL: usize = 8;
-/// A gap between two events that says that this process itself stood still.
-const STALL: Duration = Duration::from_secs(1);
 
 /// A region that was cut and is not done.
 #[derive(Debug)]
@@ -89,30 +100,16 @@ struct Tile {
     leases: Vec<LeaseId>,
     attempts: u32,
     strikes: Vec<Strike>,
+    /// Losses that are not judged yet.
+    doubts: usize,
+    /// Until when it is let lie.
+    again_at: Duration,
+    /// Its place in [`Scheduler::wanted`].
+    wanted: Option<Want>,
 }
 
-/// One failure of a tile.
-#[derive(Debug)]
-struct Strike {
-    instance: InstanceId,
-    /// Whether the worker said so, rather than being lost with it.
-    reported: bool,
-}
-
-impl Tile {
-    fn struck_by(&self, instance: InstanceId) -> bool {
-        self.strikes.iter().any(|s| s.instance == instance)
-    }
-
-    /// Whether it failed too often.
-    fn is_out(&self) -> bool {
-        let reported = self.strikes.iter().filter(|s| s.reported).count();
-        let mut instances: Vec<_> = self.strikes.iter().map(|s| s.instance).collect();
-        instances.sort_unstable();
-        instances.dedup();
-        reported.max(instances.len()) >= STRIKES || self.strikes.len() >= STRIKES_IN_ALL
-    }
-}
+/// A tile's place among those wanted: the least doubtful first, and of equals the oldest.
+type Want = (usize, u64);
 
 /// A lease that is open.
 #[derive(Debug)]
@@ -121,6 +118,8 @@ struct Open {
     tile: u64,
     attempt: Attempt,
     granted: Duration,
+    /// [`Worker::busy`] then.
+    busy_before: Duration,
 }
 
 /// See the [module](self).
@@ -129,10 +128,26 @@ pub(crate) struct Scheduler {
     config: Config,
     cutter: Cutter,
     tiles: BTreeMap<u64, Tile>,
-    /// Tiles that failed and have no lease.
-    waiting: VecDeque<u64>,
+    /// Tiles of which no lease counts.
+    wanted: BTreeSet<Want>,
     open: BTreeMap<LeaseId, Open>,
     workers: BTreeMap<WorkerKey, Worker>,
+    instances: BTreeMap<InstanceId, WorkerKey>,
+    /// Over the workers that are fit.
+    crowd: Crowd,
+    /// Workers that are fit and hold fewer leases than they should.
+    room: BTreeSet<Place>,
+    /// Pixels a second of a thread, as far as was ever measured.
+    typical: Option<f64>,
+    /// Tiles in doubt.
+    doubtful: BTreeSet<u64>,
+    /// Workers lost of late, the oldest first.
+    losses: VecDeque<Loss>,
+    /// Until when lost connections are nobody's fault.
+    amnesty_until: Duration,
+    /// Failures, and workers lost, since the last delivery.
+    failures: usize,
+    losses_in_a_row: usize,
     next_tile: u64,
     next_lease: u64,
     /// The pass at hand.
@@ -144,10 +159,11 @@ pub(crate) struct Scheduler {
     pixels_done: u64,
     tiles_done: u64,
     now: Duration,
-    /// When the silence of workers is looked at next.
+    /// When silence and progress of workers are looked at next.
     check_at: Duration,
-    /// When idle workers might take over an overdue tile.
+    /// When idle workers might take over an overdue tile, and when that was looked at last.
     assist_at: Option<Duration>,
+    assisted: Duration,
     /// Since when there is no worker.
     deserted_since: Option<Duration>,
     ever: bool,
@@ -161,9 +177,18 @@ impl Scheduler {
         Self {
             cutter,
             tiles: BTreeMap::new(),
-            waiting: VecDeque::new(),
+            wanted: BTreeSet::new(),
             open: BTreeMap::new(),
             workers: BTreeMap::new(),
+            instances: BTreeMap::new(),
+            crowd: Crowd::default(),
+            room: BTreeSet::new(),
+            typical: None,
+            doubtful: BTreeSet::new(),
+            losses: VecDeque::new(),
+            amnesty_until: Duration::ZERO,
+            failures: 0,
+            losses_in_a_row: 0,
             next_tile: 0,
             next_lease: 1,
             number: PassNumber(0),
@@ -174,6 +199,7 @@ impl Scheduler {
             now: Duration::ZERO,
             check_at: Duration::ZERO,
             assist_at: None,
+            assisted: Duration::ZERO,
             deserted_since: Some(Duration::ZERO),
             ever: false,
             ended: false,
@@ -195,9 +221,13 @@ impl Scheduler {
             (Cutter::of(self.config.region, regions, self.config.tile), pixels)
         };
         (self.pixels_done, self.tiles_done) = (0, 0);
+        let slower = |rate: Option<f64>| rate.map(|rate| rate / dearer.max(0.01));
+        self.typical = slower(self.typical);
         for w in self.workers.values_mut() {
-            w.rate = w.rate.map(|rate| rate / dearer.max(0.01));
-            w.slowest = w.slowest.map(|rate| rate / dearer.max(0.01));
+            (w.rate, w.slowest) = (slower(w.rate), slower(w.slowest));
+        }
+        for worker in self.workers.keys().copied().collect::<Vec<_>>() {
+            self.refresh(worker);
         }
     }
 
@@ -234,16 +264,11 @@ impl Scheduler {
         if self.ended {
             return;
         }
-        if now > self.now + STALL {
-            // Nobody could be heard while this process stood still.
-            self.workers.values_mut().for_each(|w| w.last_heard = now);
-        }
+        self.forgive_after_a_stall(now);
         self.now = self.now.max(now);
+        let about = event.worker();
         match event {
-            Event::Joined { worker, threads, instance } => {
-                self.workers.insert(worker, Worker::new(threads, instance, self.now));
-                self.ever = true;
-            }
+            Event::Joined { worker, threads, instance, own } => self.joined(worker, threads, instance, own),
             Event::Ready { worker } => self.ready(worker, effects),
             Event::Heard { worker } => self.heard(worker),
             Event::Done { worker, lease, attempt, busy, idle } => {
@@ -252,51 +277,27 @@ impl Scheduler {
             }
             Event::Failed { worker, lease, attempt, cause } => {
                 self.heard(worker);
-                if let Some(tile) = self.answered(worker, lease, attempt, effects) {
-                    self.strike(tile, worker, true, &cause, effects);
+                let tile = self.answered(worker, lease, attempt, effects);
+                self.recover(worker);
+                if let Some(tile) = tile {
+                    self.failed(tile, worker, &cause, effects);
                 }
             }
             Event::Returned { worker, lease, attempt } => {
                 self.heard(worker);
                 self.returned(worker, lease, attempt, effects);
             }
-            Event::Draining { worker } => {
-                self.heard(worker);
-                match self.workers.get_mut(&worker) {
-                    Some(w) if w.phase == Phase::Draining => {
-                        self.cut_off(worker, CutOff::Broke("it was leaving before".into()), effects);
-                    }
-                    Some(w) => w.phase = Phase::Draining,
-                    None => {}
-                }
-            }
+            Event::Draining { worker } => self.draining(worker, effects),
             Event::Broke { worker, rule } => self.cut_off(worker, CutOff::Broke(rule), effects),
             Event::Left { worker, cause } => self.gone(worker, Some(&cause), effects),
             Event::Tick => {}
         }
         if self.now >= self.check_at {
-            self.check_silence(effects);
+            self.check(effects);
         }
         self.check_deserted(effects);
         if !self.ended {
-            self.grant_all(effects);
-        }
-    }
-
-    fn ready(&mut self, worker: WorkerKey, effects: &mut Vec<Effect>) {
-        self.heard(worker);
-        match self.workers.get_mut(&worker) {
-            Some(w) if matches!(w.phase, Phase::Preparing { .. }) => w.phase = Phase::Ready,
-            Some(w) if w.phase == Phase::Draining => {}
-            Some(_) => self.cut_off(worker, CutOff::Broke("it was ready before".into()), effects),
-            None => {}
-        }
-    }
-
-    fn heard(&mut self, worker: WorkerKey) {
-        if let Some(w) = self.workers.get_mut(&worker) {
-            w.last_heard = self.now;
-            w.suspect = false;
+            self.grant_all(about, effects);
         }
     }
 
@@ -310,6 +311,7 @@ impl Scheduler {
         effects: &mut Vec<Effect>,
     ) -> Option<u64> {
         let w = self.workers.get_mut(&worker)?;
+        w.last_answer = self.now;
         if w.revoked.remove(&lease) {
             return None;
         }
@@ -326,13 +328,28 @@ impl Scheduler {
     /// Forgets an open lease everywhere.
     fn close(&mut self, lease: LeaseId) -> Option<Open> {
         let open = self.open.remove(&lease)?;
+        let mut area = 0;
         if let Some(tile) = self.tiles.get_mut(&open.tile) {
             tile.leases.retain(|l| *l != lease);
+            area = tile.region.area();
         }
         if let Some(w) = self.workers.get_mut(&open.worker) {
             w.leases.retain(|l| *l != lease);
+            w.held -= area;
         }
+        self.refresh(open.worker);
         Some(open)
+    }
+
+    /// Takes an open lease away from its worker, which still owes an answer.
+    fn revoke(&mut self, lease: LeaseId, effects: &mut Vec<Effect>) {
+        let Some(open) = self.close(lease) else { return };
+        let Some(w) = self.workers.get_mut(&open.worker) else { return };
+        w.revoked.insert(lease);
+        effects.push(Effect::Revoke { worker: open.worker, lease });
+        if w.revoked.len() > MAX_REVOKED {
+            self.cut_off(open.worker, CutOff::Broke("it leaves revoked leases unanswered".into()), effects);
+        }
     }
 
     fn done(
@@ -343,24 +360,26 @@ impl Scheduler {
         (busy, idle): (Duration, Duration),
         effects: &mut Vec<Effect>,
     ) {
-        let was_full = self.workers.get(&worker).is_some_and(|w| w.leases.len() >= w.depth);
-        let Some(tile) = self.answered(worker, lease, attempt, effects).and_then(|t| self.tiles.remove(&t)) else {
-            return;
-        };
+        let Some(w) = self.workers.get_mut(&worker) else { return };
+        let was_full = w.leases.len() >= w.depth;
+        w.busy = w.busy.saturating_add(busy);
+        let given = self.open.get(&lease).map(|o| (o.granted, o.busy_before));
+        let tile = self.answered(worker, lease, attempt, effects);
+        // Late or not, it is getting on.
+        self.recover(worker);
+        let Some(id) = tile else { return };
+        let leases = self.tiles.get(&id).map(|t| t.leases.clone()).unwrap_or_default();
+        for other in leases {
+            self.revoke(other, effects);
+        }
+        let Some(tile) = self.forget(id) else { return };
         let area = tile.region.area();
-        if let Some(w) = self.workers.get_mut(&worker) {
-            w.delivered(area, busy, idle, was_full, self.now);
+        if let (Some(w), Some((granted, busy_before))) = (self.workers.get_mut(&worker), given) {
+            w.delivered(Delivery { area, busy, idle, granted, busy_before }, was_full, self.now);
+            self.refresh(worker);
+            self.typical = self.crowd.rate_of_a_thread().or(self.typical);
         }
-        for other in tile.leases {
-            let Some(open) = self.open.remove(&other) else { continue };
-            let Some(w) = self.workers.get_mut(&open.worker) else { continue };
-            w.leases.retain(|l| *l != other);
-            w.revoked.insert(other);
-            effects.push(Effect::Revoke { worker: open.worker, lease: other });
-            if w.revoked.len() > MAX_REVOKED {
-                self.cut_off(open.worker, CutOff::Broke("it leaves revoked leases unanswered".into()), effects);
-            }
-        }
+        (self.failures, self.losses_in_a_row) = (0, 0);
         self.pixels_done += area;
         self.tiles_done += 1;
         effects.push(Effect::Accept { worker, region: tile.region });
@@ -380,91 +399,42 @@ impl Scheduler {
         }
     }
 
-    /// A tile lost a lease through no fault of its own.
+    /// A tile lost a lease: without any other, and not in doubt, it is as if it had never been cut.
     fn release(&mut self, id: u64) {
-        let Some(tile) = self.tiles.get(&id).filter(|t| t.leases.is_empty()) else { return };
-        if tile.strikes.is_empty() {
-            self.cutter.give_back(tile.region);
-            self.tiles.remove(&id);
+        let Some(tile) = self.tiles.get(&id) else { return };
+        if tile.leases.is_empty() && !tile.is_doubtful() {
+            let region = tile.region;
+            self.forget(id);
+            self.cutter.give_back(region);
         } else {
-            self.waiting.push_front(id);
+            self.want(id);
         }
     }
 
-    /// A tile failed, or was lost with its worker.
-    fn strike(&mut self, id: u64, worker: WorkerKey, reported: bool, cause: &str, effects: &mut Vec<Effect>) {
-        let Some(instance) = self.workers.get(&worker).map(|w| w.instance) else { return self.release(id) };
+    /// Forgets a tile that has no leases.
+    fn forget(&mut self, id: u64) -> Option<Tile> {
+        let tile = self.tiles.remove(&id)?;
+        if let Some(place) = &tile.wanted {
+            self.wanted.remove(place);
+        }
+        self.doubtful.remove(&id);
+        Some(tile)
+    }
+
+    /// Keeps a tile among those wanted as long as no lease of it counts.
+    fn want(&mut self, id: u64) {
         let Some(tile) = self.tiles.get_mut(&id) else { return };
-        tile.strikes.push(Strike { instance, reported });
-        if tile.is_out() {
-            let (region, attempts) = (tile.region, tile.strikes.len() as u32);
-            self.end(End::TileFailed { region, attempts, cause: cause.into() }, effects);
-        } else if tile.leases.is_empty() {
-            self.waiting.push_front(id);
-        }
-    }
-
-    fn cut_off(&mut self, worker: WorkerKey, why: CutOff, effects: &mut Vec<Effect>) {
-        if !self.workers.contains_key(&worker) {
+        let (open, workers) = (&self.open, &self.workers);
+        let is_alive = |l: &LeaseId| open.get(l).and_then(|o| workers.get(&o.worker)).is_some_and(Worker::is_alive);
+        let place = (!tile.leases.iter().any(is_alive)).then_some((tile.doubt(), id));
+        if tile.wanted == place {
             return;
         }
-        // Breaking a rule is the worker's failure and not its tiles'.
-        let cause = match &why {
-            CutOff::Broke(_) => None,
-            CutOff::Silent(_) | CutOff::Unready(_) => Some("the worker fell silent"),
-        };
-        self.gone(worker, cause, effects);
-        effects.push(Effect::CutOff { worker, why });
-    }
-
-    /// Frees what a worker held; with a `cause`, the tiles it was rendering count as failed.
-    fn gone(&mut self, worker: WorkerKey, cause: Option<&str>, effects: &mut Vec<Effect>) {
-        let Some(w) = self.workers.get(&worker) else { return };
-        let (leases, running) = (w.leases.clone(), w.running);
-        if !leases.is_empty() {
-            effects.push(Effect::Lost { worker, tiles: leases.len() as u64 });
+        if let Some(old) = tile.wanted.take() {
+            self.wanted.remove(&old);
         }
-        // From the back, so that the oldest is the first to be leased again.
-        for (place, lease) in leases.into_iter().enumerate().rev() {
-            let Some(open) = self.close(lease) else { continue };
-            match cause {
-                Some(cause) if place < running => self.strike(open.tile, worker, false, cause, effects),
-                _ => self.release(open.tile),
-            }
-        }
-        self.workers.remove(&worker);
-    }
-
-    fn check_silence(&mut self, effects: &mut Vec<Effect>) {
-        let (now, config) = (self.now, self.config.clone());
-        let mut cut = Vec::new();
-        for (&key, w) in &mut self.workers {
-            let silent = now.saturating_sub(w.last_heard);
-            w.suspect = silent >= config.suspect_after;
-            match w.phase {
-                _ if silent >= config.dead_after => cut.push((key, CutOff::Silent(silent))),
-                Phase::Preparing { since } if now.saturating_sub(since) >= config.prepare_within => {
-                    cut.push((key, CutOff::Unready(config.prepare_within)));
-                }
-                _ => {}
-            }
-        }
-        for (worker, why) in cut {
-            self.cut_off(worker, why, effects);
-        }
-        self.check_at = now + (config.suspect_after / 8).min(config.patience / 4);
-    }
-
-    fn check_deserted(&mut self, effects: &mut Vec<Effect>) {
-        if !self.workers.is_empty() {
-            self.deserted_since = None;
-            return;
-        }
-        let since = *self.deserted_since.get_or_insert(self.now);
-        let waited = self.now - since;
-        if waited >= self.config.patience {
-            self.end(End::NoWorkers { waited, ever: self.ever }, effects);
-        }
+        tile.wanted = place;
+        self.wanted.extend(place);
     }
 
     fn end(&mut self, end: End, effects: &mut Vec<Effect>) {
@@ -472,18 +442,5 @@ impl Scheduler {
             self.ended = true;
             effects.push(Effect::End(end));
         }
-    }
-
-    fn grant(&mut self, worker: WorkerKey, id: u64, effects: &mut Vec<Effect>) {
-        let (Some(tile), Some(w)) = (self.tiles.get_mut(&id), self.workers.get_mut(&worker)) else { return };
-        let lease = LeaseId(self.next_lease);
-        let attempt = Attempt(tile.attempts);
-        self.next_lease += 1;
-        tile.attempts += 1;
-        tile.leases.push(lease);
-        w.leases.push_back(lease);
-        self.open.insert(lease, Open { worker, tile: id, attempt, granted: self.now });
-        let lease = Lease { id: lease, attempt, region: tile.region, number: tile.number, pass: self.pass };
-        effects.push(Effect::Grant { worker, lease });
     }
 }

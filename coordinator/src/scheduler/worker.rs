@@ -6,6 +6,8 @@ use std::time::Duration;
 use tessera_proto::{InstanceId, LeaseId};
 
 use super::MAX_DEPTH;
+use super::crowd::{Place, Share};
+use super::line::Line;
 
 /// Where a worker is in its life; see the scheduler's drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,15 +17,35 @@ pub(super) enum Phase {
     Draining,
 }
 
+/// A delivery as the scheduler sees it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Delivery {
+    /// Pixels.
+    pub(super) area: u64,
+    /// Time spent on it, and time the worker stood still before it.
+    pub(super) busy: Duration,
+    pub(super) idle: Duration,
+    /// When its lease was granted, and [`Worker::busy`] at that time.
+    pub(super) granted: Duration,
+    pub(super) busy_before: Duration,
+}
+
 #[derive(Debug)]
 pub(super) struct Worker {
     pub(super) threads: u32,
     pub(super) instance: InstanceId,
     pub(super) phase: Phase,
     pub(super) last_heard: Duration,
+    /// Nothing was heard of it for a while.
     pub(super) suspect: bool,
+    /// It has long been due to deliver.
+    pub(super) stuck: bool,
+    /// Whether it is known to deliver: it did, or it is the coordinator's own.
+    pub(super) proven: bool,
     /// Open leases, in the order in which it will render them.
     pub(super) leases: VecDeque<LeaseId>,
+    /// Pixels of the open leases.
+    pub(super) held: u64,
     /// Leases that are not wanted any more and that it has not answered.
     pub(super) revoked: BTreeSet<LeaseId>,
     /// Leases it renders at once.
@@ -34,12 +56,20 @@ pub(super) struct Worker {
     pub(super) rate: Option<f64>,
     /// The least that `rate` would have been by one tile alone.
     pub(super) slowest: Option<f64>,
-    /// When it last delivered, or became idle or ready.
-    pub(super) last_delivery: Duration,
+    /// Time it said it spent on tiles.
+    pub(super) busy: Duration,
+    /// When it last answered, or became ready.
+    pub(super) last_answer: Duration,
+    pub(super) line: Line,
+    /// What of it is in the sums.
+    pub(super) counted: Option<Share>,
+    /// Its place among those with room.
+    pub(super) place: Option<Place>,
 }
 
 impl Worker {
-    pub(super) fn new(threads: u32, instance: InstanceId, now: Duration) -> Self {
+    /// `own`: it runs in the coordinator's process.
+    pub(super) fn new(threads: u32, instance: InstanceId, own: bool, bytes_per_pixel: u64, now: Duration) -> Self {
         let running = running(threads);
         Self {
             threads,
@@ -47,25 +77,42 @@ impl Worker {
             phase: Phase::Preparing { since: now },
             last_heard: now,
             suspect: false,
+            stuck: false,
+            proven: own,
             leases: VecDeque::new(),
+            held: 0,
             revoked: BTreeSet::new(),
             running,
             depth: running + 1,
             rate: None,
             slowest: None,
-            last_delivery: now,
+            busy: Duration::ZERO,
+            last_answer: now,
+            line: Line::new(own, bytes_per_pixel),
+            counted: None,
+            place: None,
         }
     }
 
     /// Whether it may be given a lease.
     pub(super) fn is_fit(&self) -> bool {
-        self.phase == Phase::Ready && !self.suspect
+        self.phase == Phase::Ready && self.is_alive()
     }
 
-    /// Learns from a delivery of `area` pixels. `was_full`: it held all the leases meant for it,
-    /// so that waiting for more was not for want of work.
-    pub(super) fn delivered(&mut self, area: u64, busy: Duration, idle: Duration, was_full: bool, now: Duration) {
-        let rate = area as f64 / busy.as_secs_f64().max(1e-6);
+    /// Whether what it holds can be expected of it.
+    pub(super) fn is_alive(&self) -> bool {
+        !self.suspect && !self.stuck
+    }
+
+    /// Pixels a second that it renders and delivers, once measured.
+    pub(super) fn pace(&self) -> Option<f64> {
+        self.rate.map(|rate| self.line.pace(rate))
+    }
+
+    /// Learns from a delivery. `was_full`: it held all the leases meant for it, so that waiting for more was
+    /// not for want of work.
+    pub(super) fn delivered(&mut self, d: Delivery, was_full: bool, now: Duration) {
+        let rate = d.area as f64 / d.busy.as_secs_f64().max(1e-6);
         // Neighbouring tiles are alike, but one cheap tile should not set the size of all.
         let measured_before = self.rate.is_some();
         // The first tile warms up memory and tells little.
@@ -73,10 +120,15 @@ impl Worker {
             self.slowest = Some(self.slowest.map_or(rate, |old| old.min(rate)));
         }
         self.rate = Some(self.rate.map_or(rate, |old| (old * rate).sqrt()));
-        if measured_before && was_full && 10 * idle > busy && self.depth < MAX_DEPTH {
+        // What it rendered meanwhile was not spent on the way.
+        let rendering = self.busy.saturating_sub(d.busy_before);
+        let lag = now.saturating_sub(d.granted).saturating_sub(rendering);
+        let in_use = self.line.window().is_none_or(|w| 2 * (self.held + d.area) >= w as u64);
+        self.line.arrived(lag, d.granted, in_use, now);
+        if measured_before && was_full && 10 * d.idle > d.busy && self.depth < MAX_DEPTH && !self.line.is_full() {
             self.depth += 1;
         }
-        self.last_delivery = now;
+        self.proven = true;
     }
 }
 

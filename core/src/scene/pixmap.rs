@@ -127,6 +127,8 @@ fn kind(metadata: &std::fs::Metadata) -> &'static str {
 struct Counted<R> {
     inner: R,
     taken: u64,
+    /// What ended the last number.
+    last: Option<u8>,
 }
 
 impl<R: BufRead> Counted<R> {
@@ -160,6 +162,12 @@ impl<R: BufRead> Counted<R> {
         Ok(byte)
     }
 
+    /// Whether a line's end of two bytes (CR, LF) was cut in half by taking only the first: the second is there, and
+    /// one byte more than the raster needs.
+    fn is_within_a_line_end(&mut self, last: Option<u8>, spare: bool) -> Result<bool, PixmapError> {
+        Ok(last == Some(b'\r') && spare && self.inner.fill_buf().map_err(PixmapError::Io)?.first() == Some(&b'\n'))
+    }
+
     /// A number, and the one white-space byte that ends it.
     fn number(&mut self, what: &str) -> Result<u64, PixmapError> {
         let ends = || PixmapError::Header(format!("it ends before its {what}"));
@@ -177,7 +185,9 @@ impl<R: BufRead> Counted<R> {
                 return Err(PixmapError::Header(format!("its {what} has more than {MAX_DIGITS} digits")));
             }
             value = value.saturating_mul(10).saturating_add(u64::from(byte - b'0'));
-            match self.header_byte()? {
+            let next = self.header_byte()?;
+            self.last = next;
+            match next {
                 None => return Ok(value),
                 Some(b) if is_space(b) => return Ok(value),
                 Some(b) => byte = b,
@@ -196,7 +206,7 @@ fn show(bytes: &[u8]) -> String {
 }
 
 fn read<R: BufRead>(reader: R, length: u64) -> Result<Picture, PixmapError> {
-    let mut input = Counted { inner: reader, taken: 0 };
+    let mut input = Counted { inner: reader, taken: 0, last: None };
     let mut magic = Vec::with_capacity(2);
     while magic.len() < 2 {
         match input.byte()? {
@@ -226,6 +236,10 @@ fn read<R: BufRead>(reader: R, length: u64) -> Result<Picture, PixmapError> {
     let least = if plain { 2 * samples - 1 } else { samples * if wide { 2 } else { 1 } };
     if length.saturating_sub(input.taken) < least {
         return Err(PixmapError::Truncated { width, height });
+    }
+    let spare = length.saturating_sub(input.taken) > least;
+    if !plain && input.is_within_a_line_end(input.last, spare)? {
+        input.byte()?;
     }
 
     let failed = |e: image::ImageError| match e {
@@ -297,6 +311,15 @@ impl<R: Read> Read for WithoutComments<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_end_of_two_bytes_before_the_raster_is_one() {
+        let picture = decode(b"P6\r\n1 1\r\n255\r\nabc").unwrap();
+        assert_eq!([0, 1, 2].map(|i| picture.sample(i)), [97, 98, 99]);
+        // Where the raster would lack a byte, it is the raster's.
+        let picture = decode(b"P6 1 1 255\r\nab").unwrap();
+        assert_eq!([0, 1, 2].map(|i| picture.sample(i)), [10, 97, 98]);
+    }
 
     fn error(bytes: &[u8]) -> String {
         decode(bytes).unwrap_err().to_string()

@@ -212,7 +212,7 @@ async fn measure(mut options: Options, console: &Console, began: Instant) -> Res
         (options.files.told(&measured), measured.points.is_empty(), measured.interrupted);
     let csv = options.files.csv.clone();
     blocking(move || options.files.write(&measured, &render)).await??;
-    console.out(&text);
+    console.out(&text)?;
     match progress {
         ProgressArg::None => {}
         ProgressArg::Json => console.say(&done_json(&csv, began.elapsed())),

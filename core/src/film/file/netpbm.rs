@@ -27,6 +27,7 @@ pub(super) fn write_pfm(to: &mut impl Write, width: u32, height: u32, pixels: &[
 pub(super) fn read_pfm(mut from: impl BufRead, length: u64) -> Result<Image, ReadError> {
     let broken = |what: &str| ReadError::Broken(format!("its PFM header is broken: {what}"));
     let mut header_length = 0;
+    let mut last = 0;
     let mut word = |what: &str| -> Result<String, ReadError> {
         let mut text = Vec::new();
         loop {
@@ -37,7 +38,10 @@ pub(super) fn read_pfm(mut from: impl BufRead, length: u64) -> Result<Image, Rea
             header_length += 1;
             match byte[0] {
                 b if b.is_ascii_whitespace() && text.is_empty() => {}
-                b if b.is_ascii_whitespace() => return Ok(String::from_utf8_lossy(&text).into_owned()),
+                b if b.is_ascii_whitespace() => {
+                    last = b;
+                    return Ok(String::from_utf8_lossy(&text).into_owned());
+                }
                 b => text.push(b),
             }
             if header_length > 1024 {
@@ -61,6 +65,12 @@ pub(super) fn read_pfm(mut from: impl BufRead, length: u64) -> Result<Image, Rea
         return Err(broken("its scale is not a number other than 0"));
     }
     let count = super::read::pixel_count(width, height)?;
+    // A line's end of two bytes: one more than the floats take is there.
+    let spare = length.saturating_sub(header_length) > count * components * 4;
+    if last == b'\r' && spare && from.fill_buf().map_err(ReadError::Io)?.first() == Some(&b'\n') {
+        from.consume(1);
+        header_length += 1;
+    }
     if length.saturating_sub(header_length) < count * components * 4 {
         return Err(ReadError::Broken(format!("it is truncated: {width}x{height} pixels were promised")));
     }

@@ -240,3 +240,28 @@ fn damaged_files_are_read_or_refused() {
         assert!(refused > 20, "{name}: {refused} refused");
     }
 }
+
+#[test]
+fn float_maps_with_line_ends_of_two_bytes_are_read() {
+    let folder = folder();
+    let path = folder.path().join("a.pfm");
+    let floats: Vec<u8> = [0.25_f32, 0.5, 1.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+    for header in ["PF\n1 1\n-1.0\n", "PF\r\n1 1\r\n-1.0\r\n"] {
+        std::fs::write(&path, [header.as_bytes(), &floats].concat()).unwrap();
+        assert_eq!(read(&path).unwrap().image.pixels(), [[0.25, 0.5, 1.0]], "{header:?}");
+    }
+}
+
+#[test]
+fn exr_files_of_grey_alone_are_grey_and_others_are_named() {
+    use ::exr::prelude::{Image, SpecificChannels, WritableImage};
+    let folder = folder();
+    let path = folder.path().join("a.exr");
+    let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(|_| (0.5_f32,));
+    Image::from_channels((2, 1), channels).write().to_file(&path).unwrap();
+    assert_eq!(read(&path).unwrap().image.pixels(), [[0.5; 3]; 2]);
+    let channels = SpecificChannels::build().with_channel("Z").with_pixel_fn(|_| (0.5_f32,));
+    Image::from_channels((2, 1), channels).write().to_file(&path).unwrap();
+    let why = read(&path).unwrap_err().to_string();
+    assert!(why.contains("it has Z") && why.contains("R, G and B"), "{why}");
+}

@@ -1,0 +1,155 @@
+//! The coordinator's side: what the farm's driver does.
+
+use super::super::{Effect, End, Event, MAX_DEPTH, MAX_REVOKED, WorkerKey};
+use super::session::{Down, Up};
+use super::world::{What, World};
+
+impl World {
+    pub(super) fn coordinator_hears(&mut self, session: usize, said: Up) {
+        self.messages += 1;
+        if self.sessions[session].closed_there {
+            return;
+        }
+        let Some(worker) = self.sessions[session].key else {
+            if matches!(said, Up::Register) {
+                self.admit(session);
+            }
+            return;
+        };
+        match said {
+            Up::Register => self.tell(Event::Broke { worker, rule: "it registered twice".into() }),
+            Up::Ready => self.tell(Event::Ready { worker }),
+            Up::Bytes => self.tell(Event::Heard { worker }),
+            Up::Beat => {
+                self.tell(Event::Heard { worker });
+                self.answer(session, Down::BeatReply, 60);
+            }
+            Up::Garbage => self.tell(Event::Broke { worker, rule: "a tile of the wrong size".into() }),
+            Up::Draining => self.tell(Event::Draining { worker }),
+            Up::Closed => self.left(worker, "the connection broke"),
+            Up::Done { lease, attempt, shows, busy, idle } => {
+                if let Some(region) = self.scheduler.region_of(worker, lease)
+                    && self.sessions[session].owed.contains(&lease)
+                {
+                    assert_eq!(region, shows, "a tile in the wrong place");
+                }
+                self.sessions[session].owed.remove(&lease);
+                self.tell(Event::Done { worker, lease, attempt, busy, idle });
+            }
+            Up::Failed { lease, attempt } => {
+                self.sessions[session].owed.remove(&lease);
+                self.tell(Event::Failed { worker, lease, attempt, cause: "cursed".into() });
+            }
+            Up::Returned { lease, attempt } => {
+                self.sessions[session].owed.remove(&lease);
+                self.tell(Event::Returned { worker, lease, attempt });
+            }
+        }
+    }
+
+    fn admit(&mut self, session: usize) {
+        let number = self.sessions[session].worker;
+        let (instance, threads) = (self.workers[number].instance, self.workers[number].threads);
+        let before = self.seats.iter().find(|(_, s)| self.workers[self.sessions[**s].worker].instance == instance);
+        if let Some(before) = before.map(|(key, _)| *key) {
+            self.left(before, "it dialled again");
+        }
+        let worker = WorkerKey(self.next_key);
+        self.next_key += 1;
+        self.sessions[session].key = Some(worker);
+        self.seats.insert(worker, session);
+        self.answer(session, Down::Welcome, 200);
+        self.tell(Event::Joined { worker, threads, instance, own: false });
+    }
+
+    fn left(&mut self, worker: WorkerKey, cause: &str) {
+        self.tell(Event::Left { worker, cause: cause.into() });
+        self.unseat(worker);
+    }
+
+    fn unseat(&mut self, worker: WorkerKey) {
+        let Some(session) = self.seats.remove(&worker) else { return };
+        self.answer(session, Down::Closed, 20);
+        let s = &mut self.sessions[session];
+        (s.closed_there, s.key) = (true, None);
+        s.owed.clear();
+    }
+
+    pub(super) fn tell(&mut self, event: Event) {
+        if self.end.is_some() {
+            return;
+        }
+        let mut effects = Vec::new();
+        if self.verbose && !matches!(event, Event::Tick | Event::Heard { .. }) {
+            println!("{:9.3} {event:?}", self.now.as_secs_f64());
+        }
+        self.scheduler.handle(event, self.now, &mut effects);
+        let mut complete = false;
+        for effect in effects {
+            if self.verbose {
+                println!("              {effect:?}");
+            }
+            match effect {
+                Effect::Grant { worker, lease } => {
+                    let session = self.seats[&worker];
+                    self.sessions[session].owed.insert(lease.id);
+                    self.answer(session, Down::Lease(lease), 60);
+                }
+                Effect::Revoke { worker, lease } => {
+                    let session = self.seats[&worker];
+                    assert!(self.sessions[session].owed.contains(&lease), "it was answered before");
+                    self.answer(session, Down::Revoke(lease), 30);
+                }
+                Effect::Accept { region, .. } => self.picture.put(&region),
+                Effect::CutOff { worker, .. } => self.unseat(worker),
+                Effect::Lost { .. } => {}
+                Effect::End(End::Complete) => complete = true,
+                Effect::End(end) => self.end = Some(end),
+            }
+        }
+        if complete {
+            self.passed();
+        }
+    }
+
+    fn passed(&mut self) {
+        assert!(self.picture.is_whole(), "complete, and it is not");
+        if self.passes_left == 0 {
+            self.end = Some(End::Complete);
+            return;
+        }
+        self.passes_left -= 1;
+        self.picture.clear();
+        let dearer = 0.5 + self.rng.f64();
+        self.scheduler.begin(None, Vec::new(), dearer);
+        self.tell(Event::Tick);
+    }
+
+    fn answer(&mut self, session: usize, said: Down, bytes: usize) {
+        let s = &mut self.sessions[session];
+        if s.closed_there {
+            return;
+        }
+        if let Some((said, _, arrives)) = s.down.send(said, bytes, self.now, &mut self.rng) {
+            self.at(arrives, What::ToWorker { session, said });
+        }
+    }
+
+    /// No lease is forgotten by one side alone, and nothing grows.
+    pub(super) fn check(&self) {
+        let s = &self.scheduler;
+        for (lease, open) in &s.open {
+            let session = self.seats.get(&open.worker).expect("a lease of somebody who is gone");
+            assert!(self.sessions[*session].owed.contains(lease), "lease {lease} was answered and is open");
+            assert!(s.tiles[&open.tile].leases.contains(lease));
+        }
+        for (key, w) in &s.workers {
+            let owed = &self.sessions[self.seats[key]].owed;
+            assert!(owed.iter().all(|l| s.open.contains_key(l) || w.revoked.contains(l)), "a lease is forgotten");
+            assert!(w.leases.len() <= MAX_DEPTH && w.revoked.len() <= MAX_REVOKED);
+        }
+        assert!(s.tiles.len() <= s.open.len() + s.wanted.len(), "tiles leak");
+        assert!(s.losses.len() <= 200 && s.cutter.spares() <= 4000, "memory grows");
+        assert_eq!(s.crowd.count, s.workers.values().filter(|w| w.is_fit()).count());
+    }
+}

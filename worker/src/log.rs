@@ -1,0 +1,47 @@
+//! What the program says, on stderr: for people, and no reason to stop where nobody can hear it.
+
+use std::io::{IsTerminal, Write, stderr};
+
+use tracing_subscriber::EnvFilter;
+
+/// Starts logging; `RUST_LOG` overrides `verbose`.
+pub(crate) fn start(verbose: u8) {
+    // Other people's layers speak for themselves only where everything is asked for.
+    let level = match verbose {
+        0 => "warn,worker=info",
+        1 => "info,worker=debug",
+        2 => "debug,worker=trace,h2=warn,hyper=warn,hyper_util=warn,tonic=warn,tower=warn",
+        _ => "trace",
+    };
+    let filter = match std::env::var("RUST_LOG") {
+        Ok(spec) if !spec.is_empty() => EnvFilter::new(spec),
+        _ => EnvFilter::new(level),
+    };
+    let unwanted = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(|| Deaf)
+        .with_ansi(stderr().is_terminal() && !unwanted)
+        .with_target(verbose > 1)
+        .init();
+}
+
+/// A line outside the log.
+pub(crate) fn say(line: &str) {
+    let _ = writeln!(Deaf, "{line}");
+}
+
+/// Stderr, whose failures are nobody's business: a closed pipe, a full disk or a terminal that is gone must not
+/// end a worker.
+struct Deaf;
+
+impl Write for Deaf {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let _ = stderr().lock().write_all(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
