@@ -2,12 +2,15 @@
 
 mod farm;
 mod job;
+pub mod journal;
 pub mod measure;
 mod plan;
 pub mod povray;
 mod scheduler;
 
 pub use farm::{Farm, Timing, render};
-pub use job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats};
+pub use job::{
+    Earlier, ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats,
+};
 pub use plan::Goal;
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -8,13 +8,13 @@ use std::time::Duration;
 pub struct Backoff {
     /// The first wait, at most.
     pub first: Duration,
-    /// The longest wait.
+    /// The longest wait: a coordinator that comes back is found so soon.
     pub longest: Duration,
 }
 
 impl Default for Backoff {
     fn default() -> Self {
-        Self { first: Duration::from_millis(200), longest: Duration::from_secs(10) }
+        Self { first: Duration::from_millis(200), longest: Duration::from_secs(4) }
     }
 }
 

@@ -29,6 +29,10 @@ pub(crate) struct Options {
     pub(crate) threads: usize,
     pub(crate) listen: Option<String>,
     pub(crate) report: Option<ReportTo>,
+    /// Where what is done is kept.
+    pub(crate) journal: Option<PathBuf>,
+    /// Whether what an earlier run left is not wanted.
+    pub(crate) restart: bool,
     pub(crate) progress: ProgressArg,
     /// What was asked for and will have no effect.
     pub(crate) notes: Vec<String>,
@@ -124,6 +128,8 @@ impl Options {
             workers,
             threads: raw.threads.map_or_else(cores, usize::from),
             listen: raw.listen,
+            journal: super::journal::place(raw.journal, &path),
+            restart: raw.restart,
             report,
             progress: raw.progress,
             notes,

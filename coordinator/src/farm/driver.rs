@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::Tolerance;
+use tessera_core::film::Region;
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
@@ -16,11 +15,11 @@ use tokio::time::{Instant, sleep_until, timeout_at};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
+use super::passes::{Passes, Turn};
 use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
-use crate::plan::{Outcome, Plan, Step};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
 
 /// Workers that may register in one render, reconnections of the same one not counted.
@@ -38,55 +37,6 @@ struct Seat {
     place: usize,
 }
 
-/// The passes so far.
-#[derive(Default)]
-pub(super) struct Passing {
-    /// The pass at hand.
-    at_hand: Outcome,
-    began: Duration,
-    kept: bool,
-    /// Of the last whole picture.
-    picture: Outcome,
-    /// Passes begun, and passes of those that are in the picture as a whole.
-    pub(super) begun: u32,
-    pub(super) whole: u32,
-    pub(super) tolerance: Option<Tolerance>,
-    /// Whether time was up before the plan was done.
-    pub(super) timed_out: bool,
-}
-
-impl Passing {
-    /// The estimate of the picture as it is: what the pass at hand has not replaced is as it was before.
-    pub(super) fn error(&self) -> ErrorEstimate {
-        let (old, new) = (&self.picture, &self.at_hand);
-        if !self.kept || new.error.pixels == 0 || old.error.pixels <= new.error.pixels {
-            return if self.whole > 0 { old.error } else { new.error };
-        }
-        let mut sum = new.error;
-        for (region, error) in &old.tiles {
-            let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
-            let left = region.area() - covered.min(region.area());
-            if left > 0 {
-                let share = |squares: u64| (u128::from(squares) * u128::from(left) / u128::from(region.area())) as u64;
-                sum += ErrorEstimate {
-                    pixels: left,
-                    squares: share(error.squares),
-                    weight_squares: share(error.weight_squares),
-                    depth_squares: share(error.depth_squares),
-                    worst: error.worst,
-                };
-            }
-        }
-        sum
-    }
-}
-
-/// Pixels that two regions share.
-fn common(a: &Region, b: &Region) -> u64 {
-    let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| u64::from(a1.min(b1).saturating_sub(a0.max(b0)));
-    overlap(a.x0, a.x1, b.x0, b.x1) * overlap(a.y0, a.y1, b.y0, b.y1)
-}
-
 /// See the [module](self).
 pub(super) struct Driver {
     scheduler: Scheduler,
@@ -97,9 +47,12 @@ pub(super) struct Driver {
     tiles: mpsc::Sender<Stitch>,
     progress: watch::Sender<Progress>,
     start: Instant,
-    plan: Plan,
-    pass: Passing,
+    passes: Passes,
     timing: Timing,
+    /// Whether the scheduler has begun a pass.
+    leasing: bool,
+    /// Tiles of the pass at hand that an earlier run did.
+    tiles_of_pass: u64,
     seats: BTreeMap<WorkerKey, Seat>,
     places: HashMap<InstanceId, usize>,
     /// Workers that broke the rules, and how.
@@ -115,13 +68,12 @@ impl Driver {
         heard: mpsc::Receiver<Heard>,
         tiles: mpsc::Sender<Stitch>,
         progress: watch::Sender<Progress>,
-        plan: Plan,
+        passes: Passes,
         (start, timing): (Instant, Timing),
     ) -> Self {
         Self {
             scheduler,
-            plan,
-            pass: Passing::default(),
+            passes,
             door,
             pixels,
             heard,
@@ -129,6 +81,8 @@ impl Driver {
             progress,
             start,
             timing,
+            leasing: false,
+            tiles_of_pass: 0,
             seats: BTreeMap::new(),
             places: HashMap::new(),
             banned: HashMap::new(),
@@ -138,18 +92,21 @@ impl Driver {
     }
 
     /// Renders until the end, and dismisses the workers. Also says when the end was.
-    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passing) {
-        let first = self.plan.first();
-        self.begin(first);
+    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passes) {
+        let first = self.passes.first();
+        let mut end = self.begin(first).await;
         // Far off where there is none.
-        let limit = self.plan.limit().unwrap_or(Duration::from_secs(1 << 32));
+        let deadline = self.passes.deadline().unwrap_or(self.start + Duration::from_secs(1 << 32));
         let end = loop {
+            if let Some(end) = end {
+                break end;
+            }
             let wake = self.start + self.scheduler.wake_at();
-            let end = tokio::select! {
+            end = tokio::select! {
                 biased;
                 () = cancel.cancelled() => break Err(RenderError::Cancelled),
-                () = sleep_until(self.start + limit) => {
-                    self.pass.timed_out = true;
+                () = sleep_until(deadline) => {
+                    self.passes.timed_out = true;
                     break Ok(());
                 }
                 heard = self.heard.recv() => match heard {
@@ -158,61 +115,32 @@ impl Driver {
                 },
                 () = sleep_until(wake) => self.tell(Event::Tick, None).await,
             };
-            if let Some(end) = end {
-                break end;
-            }
         };
         let ended = Instant::now();
         self.dismiss().await;
-        (end, ended, self.pass)
+        (end, ended, self.passes)
     }
 
-    /// Begins a pass.
-    fn begin(&mut self, step: Step) {
-        let pixels = step.regions.iter().map(Region::area).sum::<u64>();
-        self.pass.begun += 1;
-        self.pass.kept = step.kept;
-        self.pass.began = self.start.elapsed();
-        self.pass.at_hand = Outcome::default();
-        if step.kept {
-            self.pass.tolerance = step.tolerance;
-        }
+    /// Begins what comes next, or ends the render where nothing does.
+    async fn begin(&mut self, turn: Turn) -> Option<Result<(), RenderError>> {
         self.progress.send_modify(|p| {
-            (p.tiles_done, p.pixels_done) = (0, 0);
-            p.pixels_total = if pixels > 0 { pixels } else { self.plan.area() };
+            (p.tiles_done, p.pixels_done, p.pixels_total) = (turn.tiles_done, turn.pixels_done, turn.pixels);
+            p.rays += turn.rays;
+            p.earlier.rays += turn.rays;
+            p.earlier.tiles += turn.tiles;
+            p.earlier.pixels_of_pass = turn.pixels_done;
         });
-        if self.pass.begun == 1 {
-            self.scheduler.begin_first(step.tolerance, step.regions);
-        } else {
+        self.tiles_of_pass = turn.tiles_done;
+        if !turn.again.is_empty() && self.tiles.send(Stitch::Again(turn.again)).await.is_err() {
+            return Some(Err(RenderError::Internal("the stitcher stopped".into())));
+        }
+        let Some(step) = turn.step else { return Some(Ok(())) };
+        if std::mem::replace(&mut self.leasing, true) {
             self.scheduler.begin(step.tolerance, step.regions, step.dearer);
+        } else {
+            self.scheduler.begin_first(step.tolerance, step.regions);
         }
-    }
-
-    /// Ends a pass. Gives the end of the render where it was the last one.
-    fn passed(&mut self) -> Option<Result<(), RenderError>> {
-        let now = self.start.elapsed();
-        let mut outcome = std::mem::take(&mut self.pass.at_hand);
-        (outcome.took, outcome.now) = (now.saturating_sub(self.pass.began), now);
-        tracing::info!(
-            pass = self.pass.begun,
-            kept = self.pass.kept,
-            pixels = outcome.error.pixels,
-            steps = 255.0 * outcome.error.rmse(),
-            seconds = outcome.took.as_secs_f64(),
-            "pass done"
-        );
-        let next = self.plan.next(&outcome);
-        if self.pass.kept {
-            self.pass.whole += 1;
-            self.pass.picture = outcome;
-        }
-        match next {
-            Some(step) => {
-                self.begin(step);
-                None
-            }
-            None => Some(Ok(())),
-        }
+        None
     }
 
     async fn hear(&mut self, heard: Heard) -> Option<Result<(), RenderError>> {
@@ -268,11 +196,14 @@ impl Driver {
     /// Tells the scheduler, and does what it asks for, from pass to pass. `done` is the tile at hand.
     async fn tell(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
         match self.tell_once(event, done).await {
-            Some(Ok(())) => match self.passed() {
-                // Nothing is done at once, so that this goes no deeper.
-                None => self.tell_once(Event::Tick, None).await,
-                end => end,
-            },
+            Some(Ok(())) => {
+                let turn = self.passes.passed();
+                match self.begin(turn).await {
+                    // Nothing is done at once, so that this goes no deeper.
+                    None => self.tell_once(Event::Tick, None).await,
+                    end => end,
+                }
+            }
             end => end,
         }
     }
@@ -296,14 +227,9 @@ impl Driver {
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
                     self.count(worker, region, done);
-                    self.pass.at_hand.error += done.error;
-                    if self.plan.wants_tiles() {
-                        self.pass.at_hand.tiles.push((region, done.error));
-                    }
-                    if !self.pass.kept {
-                        continue;
-                    }
-                    let stitch = Stitch { region, pixels: done.pixels.clone(), first: self.pass.whole == 0 };
+                    let name = self.name(worker);
+                    let Some(first) = self.passes.accept(region, done, name) else { continue };
+                    let stitch = Stitch::New { region, pixels: done.pixels.clone(), first };
                     // Waits where stitching is slower than the farm; so, then, do the workers.
                     if self.tiles.send(stitch).await.is_err() {
                         end = Some(Err(RenderError::Internal("the stitcher stopped".into())));
@@ -465,11 +391,12 @@ impl Driver {
     }
 
     fn count(&self, worker: WorkerKey, region: Region, done: &TileDone) {
-        let (tiles_total, elapsed) = (self.scheduler.tiles_estimate(), self.start.elapsed());
+        let (tiles_total, earlier, elapsed) =
+            (self.scheduler.tiles_estimate(), self.tiles_of_pass, self.start.elapsed());
         let place = self.seats.get(&worker).map(|s| s.place);
         self.progress.send_modify(|p| {
             p.tiles_done += 1;
-            p.tiles_total = tiles_total.max(p.tiles_done);
+            p.tiles_total = (tiles_total + earlier).max(p.tiles_done);
             p.pixels_done += region.area();
             p.rays += done.rays;
             p.elapsed = elapsed;
@@ -491,7 +418,7 @@ impl Driver {
         let mut waiting: Vec<WorkerKey> = self.seats.keys().copied().collect();
         // A worker leaves when it has heard; its stream must stay open until then.
         // Nobody waits for tiles that come too late.
-        let deadline = Instant::now() + if self.pass.timed_out { Duration::from_millis(10) } else { GOODBYE_WITHIN };
+        let deadline = Instant::now() + if self.passes.timed_out { Duration::from_millis(10) } else { GOODBYE_WITHIN };
         while !waiting.is_empty() {
             match timeout_at(deadline, self.heard.recv()).await {
                 Ok(Some(Heard::Left { worker, .. })) => waiting.retain(|w| *w != worker),

@@ -1,0 +1,281 @@
+//! The passes over a picture: what the plan asks for, what an earlier run left of it, and what came.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use tessera_core::film::{ErrorEstimate, Region};
+use tessera_core::settings::Tolerance;
+use tessera_core::trace::RayCounts;
+use tessera_proto::convert::{Lease, TileDone};
+use tessera_proto::{Attempt, LeaseId, Pass};
+use tokio::time::Instant;
+
+use crate::job::TileSize;
+use crate::journal::{Kept, KeptPass, Place, Sink, rest};
+use crate::plan::{Outcome, Plan, Step};
+
+/// Regions that a pass may be cut into where a part of it is done already.
+const CUTS: u64 = 1 << 20;
+
+/// A tile of an earlier run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Again {
+    pub(super) region: Region,
+    pub(super) place: Place,
+    /// Whether the picture had nothing in this place before.
+    pub(super) first: bool,
+}
+
+/// What comes next.
+#[derive(Debug, Default)]
+pub(super) struct Turn {
+    /// Tiles of an earlier run that belong into the picture, in order and before all that comes.
+    pub(super) again: Vec<Again>,
+    /// What is to be rendered; `None` when the picture is done.
+    pub(super) step: Option<Step>,
+    /// Of all passes that this turn went through.
+    pub(super) rays: RayCounts,
+    pub(super) tiles: u64,
+    /// Of the pass to be rendered: done already, and in all.
+    pub(super) tiles_done: u64,
+    pub(super) pixels_done: u64,
+    pub(super) pixels: u64,
+}
+
+/// How long a picture has been rendered for, earlier runs counted in.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock {
+    pub(super) start: Instant,
+    /// Before the start of this run.
+    pub(super) before: Duration,
+}
+
+impl Clock {
+    fn now(&self) -> Duration {
+        self.before + self.start.elapsed()
+    }
+}
+
+/// See the [module](self).
+pub(super) struct Passes {
+    plan: Plan,
+    region: Region,
+    tile: TileSize,
+    clock: Clock,
+    left: BTreeMap<u32, KeptPass>,
+    sink: Option<Sink>,
+    /// The pass at hand.
+    at_hand: Outcome,
+    began: Duration,
+    kept: bool,
+    within: Option<Tolerance>,
+    /// Of the last whole picture.
+    picture: Outcome,
+    whole: u32,
+    /// Passes begun.
+    pub(super) begun: u32,
+    /// Of the last pass for the picture.
+    pub(super) tolerance: Option<Tolerance>,
+    /// Whether time was up before the plan was done.
+    pub(super) timed_out: bool,
+}
+
+impl Passes {
+    /// Towards what `plan` aims at, over `region`. What an earlier run left need not be rendered again, and what
+    /// comes goes into `sink`.
+    pub(super) fn new(
+        plan: Plan,
+        (region, tile): (Region, TileSize),
+        clock: Clock,
+        left: BTreeMap<u32, KeptPass>,
+        sink: Option<Sink>,
+    ) -> Self {
+        Self {
+            plan,
+            region,
+            tile,
+            clock,
+            left,
+            sink,
+            at_hand: Outcome::default(),
+            began: Duration::ZERO,
+            kept: false,
+            within: None,
+            picture: Outcome::default(),
+            whole: 0,
+            begun: 0,
+            tolerance: None,
+            timed_out: false,
+        }
+    }
+
+    /// When time is up.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        let limit = self.plan.limit()?;
+        Some(self.clock.start + limit.saturating_sub(self.clock.before))
+    }
+
+    /// The beginning.
+    pub(super) fn first(&mut self) -> Turn {
+        let first = self.plan.first();
+        self.turn(Some(first))
+    }
+
+    /// What comes after the pass at hand, which is done.
+    pub(super) fn passed(&mut self) -> Turn {
+        let next = self.end(None);
+        self.turn(next)
+    }
+
+    /// Goes through passes that are there as a whole, up to one that is not.
+    fn turn(&mut self, mut next: Option<Step>) -> Turn {
+        let mut turn = Turn::default();
+        while let Some(mut step) = next {
+            let ended = self.begin(&mut step, &mut turn);
+            if !step.regions.is_empty() || turn.pixels_done == 0 {
+                turn.step = Some(step);
+                break;
+            }
+            next = self.end(ended);
+        }
+        turn
+    }
+
+    /// Begins a pass, and leaves in `step` what is to be rendered of it: nothing where that is no region and pixels
+    /// are done. Gives how long it took and when it ended, if that is known.
+    fn begin(&mut self, step: &mut Step, turn: &mut Turn) -> Option<(Duration, Duration)> {
+        let number = self.begun;
+        self.begun += 1;
+        self.kept = step.kept;
+        self.began = self.clock.now();
+        self.within = step.tolerance;
+        self.at_hand = Outcome::default();
+        if step.kept {
+            self.tolerance = step.tolerance;
+        }
+        turn.pixels = step.regions.iter().map(Region::area).sum();
+        if step.regions.is_empty() {
+            turn.pixels = self.plan.area();
+        }
+        (turn.tiles_done, turn.pixels_done) = (0, 0);
+        let KeptPass { mut tiles, ended } = self.left.remove(&number)?;
+        let asked = |t: &Kept| self.lease(t.lease.region);
+        tiles.retain(|t| t.lease == asked(t));
+        let done: Vec<Region> = tiles.iter().map(|t| t.lease.region).collect();
+        if done.is_empty() {
+            return None;
+        }
+        let cells = || self.region.blocks(self.edge());
+        let regions = if step.regions.is_empty() { cells() } else { std::mem::take(&mut step.regions) };
+        let Some(left) = rest(&regions, &done) else {
+            tracing::warn!("pass {} is rendered again: its tiles in the journal do not fit together", number + 1);
+            step.regions = regions;
+            return None;
+        };
+        step.regions = left;
+        for tile in tiles {
+            let region = tile.lease.region;
+            turn.tiles_done += 1;
+            turn.pixels_done += region.area();
+            turn.rays += tile.rays;
+            self.account(region, tile.error);
+            if self.kept {
+                turn.again.push(Again { region, place: tile.place, first: self.whole == 0 });
+            }
+        }
+        turn.tiles += turn.tiles_done;
+        ended
+    }
+
+    /// The edge of what is leased of a pass of which a part is done.
+    fn edge(&self) -> u32 {
+        let wanted = match self.tile {
+            TileSize::Auto => TileSize::MAX_EDGE,
+            TileSize::Edge(n) => n.clamp(1, TileSize::MAX_EDGE),
+        };
+        let cells = |edge: u32| self.region.area().div_ceil(u64::from(edge) * u64::from(edge));
+        // Tiles change no pixel: a list of billions is not worth keeping to them.
+        if cells(wanted) > CUTS { TileSize::MAX_EDGE } else { wanted }
+    }
+
+    /// How `region` is rendered in the pass at hand.
+    fn lease(&self, region: Region) -> Lease {
+        let pass = Pass(self.begun.saturating_sub(1));
+        Lease { id: LeaseId(0), attempt: Attempt(0), region, pass, tolerance: self.within }
+    }
+
+    fn account(&mut self, region: Region, error: ErrorEstimate) {
+        self.at_hand.error += error;
+        if self.plan.wants_tiles() {
+            self.at_hand.tiles.push((region, error));
+        }
+    }
+
+    /// Takes in a tile. Gives whether it belongs into the picture, and then whether nothing was in its place.
+    pub(super) fn accept(&mut self, region: Region, done: &TileDone, worker: String) -> Option<bool> {
+        self.account(region, done.error);
+        let (lease, now) = (self.lease(region), self.clock.now());
+        if let Some(sink) = &mut self.sink {
+            sink.tile(lease, done, self.kept, (worker, now));
+        }
+        self.kept.then_some(self.whole == 0)
+    }
+
+    /// Ends a pass, of which may be known how long it took and when it ended; else it ends now. Gives the one after
+    /// it, if there is one.
+    fn end(&mut self, known: Option<(Duration, Duration)>) -> Option<Step> {
+        let now = self.clock.now();
+        let (took, now) = known.unwrap_or((now.saturating_sub(self.began), now));
+        let mut outcome = std::mem::take(&mut self.at_hand);
+        (outcome.took, outcome.now) = (took, now);
+        tracing::info!(
+            pass = self.begun,
+            kept = self.kept,
+            pixels = outcome.error.pixels,
+            steps = 255.0 * outcome.error.rmse(),
+            seconds = outcome.took.as_secs_f64(),
+            "pass done"
+        );
+        let next = self.plan.next(&outcome);
+        if self.kept {
+            self.whole += 1;
+            self.picture = outcome;
+        }
+        if known.is_none()
+            && let Some(sink) = &mut self.sink
+        {
+            sink.passed(self.begun - 1, took, now);
+        }
+        next
+    }
+
+    /// The estimate of the picture as it is: what the pass at hand has not replaced is as it was before.
+    pub(super) fn error(&self) -> ErrorEstimate {
+        let (old, new) = (&self.picture, &self.at_hand);
+        if !self.kept || new.error.pixels == 0 || old.error.pixels <= new.error.pixels {
+            return if self.whole > 0 { old.error } else { new.error };
+        }
+        let mut sum = new.error;
+        for (region, error) in &old.tiles {
+            let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
+            let left = region.area() - covered.min(region.area());
+            if left > 0 {
+                let share = |squares: u64| (u128::from(squares) * u128::from(left) / u128::from(region.area())) as u64;
+                sum += ErrorEstimate {
+                    pixels: left,
+                    squares: share(error.squares),
+                    weight_squares: share(error.weight_squares),
+                    depth_squares: share(error.depth_squares),
+                    worst: error.worst,
+                };
+            }
+        }
+        sum
+    }
+}
+
+/// Pixels that two regions share.
+fn common(a: &Region, b: &Region) -> u64 {
+    let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| u64::from(a1.min(b1).saturating_sub(a0.max(b0)));
+    overlap(a.x0, a.x1, b.x0, b.x1) * overlap(a.y0, a.y1, b.y0, b.y1)
+}
