@@ -119,7 +119,10 @@ mod linux {
 
     impl Drop for Small {
         fn drop(&mut self) {
-            let _ = Command::new("umount").arg("-l").arg(self.0.path()).status();
+            // Twice: a read-only view may lie over it.
+            for _ in 0..2 {
+                let _ = Command::new("umount").arg("-l").arg(self.0.path()).output();
+            }
         }
     }
 
@@ -207,9 +210,12 @@ mod linux {
         // A large one, so that there is time for signals; those that come too early or late tell nothing.
         let mut met = 0;
         for n in 0..8u64 {
+            if met == 2 {
+                break;
+            }
             let at = tempdir().unwrap();
-            let path = scene("lights.xml");
-            let flags = "-o a.exr --size 5000x4000 --samples 1 --max-depth 1 --threads 2 --progress none -v";
+            let path = scene("demo.xml");
+            let flags = "-o a.exr --size 4000x3000 --samples 1 --max-depth 1 --threads 2 --progress none -v";
             let mut command = coordinator(at.path(), ["render", path.to_str().unwrap()]);
             let mut running = Running::start(command.args(flags.split(' ')));
             if running.line(|l| l.contains("pass done")).is_none() {
@@ -224,7 +230,7 @@ mod linux {
                 met += 1;
                 assert_eq!(status.code(), Some(0), "{said}");
                 assert_eq!(names(at.path()), set(["a.exr"]));
-                assert_eq!(read(&at.path().join("a.exr")).unwrap().image.width(), 5000);
+                assert_eq!(read(&at.path().join("a.exr")).unwrap().image.width(), 4000);
             }
         }
         assert!(met > 0, "no signal came while a picture was written");

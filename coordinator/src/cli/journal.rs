@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Instant;
 
 use coordinator::RenderJob;
 use coordinator::journal::{Head, Journal, JournalError};
@@ -31,7 +32,12 @@ pub(super) fn open(options: &Options) -> Result<Option<Arc<Journal>>, Failure> {
         // Known now rather than after two seconds.
         plan_text(path).map_err(Failure::usage)?;
     }
-    Journal::open(path, options.restart).map(|journal| Some(Arc::new(journal))).map_err(failure)
+    let reading = Instant::now();
+    let journal = Journal::open(path, options.restart).map_err(failure)?;
+    if journal.goes_on() {
+        tracing::info!(seconds = reading.elapsed().as_secs_f64(), "journal read");
+    }
+    Ok(Some(Arc::new(journal)))
 }
 
 /// Makes sure that what an earlier run left is of `job`; gives the share that was done of its last pass, and that

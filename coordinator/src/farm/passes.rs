@@ -279,3 +279,106 @@ fn common(a: &Region, b: &Region) -> u64 {
     let overlap = |a0: u32, a1: u32, b0: u32, b1: u32| u64::from(a1.min(b1).saturating_sub(a0.max(b0)));
     overlap(a.x0, a.x1, b.x0, b.x1) * overlap(a.y0, a.y1, b.y0, b.y1)
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::plan::Goal;
+
+    const WHOLE: Region = Region { x0: 3, y0: 4, x1: 203, y1: 154 };
+
+    /// A pixel's expected squared error: more in some parts of the picture, and the less the finer the tolerance.
+    fn error(region: &Region, tolerance: Option<Tolerance>) -> ErrorEstimate {
+        let fine = tolerance.map_or(1.0, Tolerance::fraction);
+        let square = |x: u32, y: u32| (f64::from((x / 16 * 7 + y / 16 * 13) % 11) * fine * fine * 1e8) as u64;
+        let rows = (region.y0..region.y1).flat_map(|y| (region.x0..region.x1).map(move |x| (x, y)));
+        let squares = rows.map(|(x, y)| square(x, y)).sum();
+        ErrorEstimate { pixels: region.area(), squares, ..ErrorEstimate::default() }
+    }
+
+    /// What a render was, to be compared.
+    #[derive(Debug, PartialEq)]
+    struct End {
+        passes: u32,
+        tolerance: Option<Tolerance>,
+        error: ErrorEstimate,
+    }
+
+    /// Renders towards `goal` from what is left of an earlier run, in tiles of `edge`, no more than `most` of them.
+    /// Gives what there is to go on from, the pixels rendered, and the end if it came to that.
+    fn run(goal: Goal, left: &[(u32, Kept)], edge: u32, most: usize) -> (Vec<(u32, Kept)>, u64, Option<End>) {
+        let mut by_pass = BTreeMap::<u32, KeptPass>::new();
+        for (pass, kept) in left {
+            by_pass.entry(*pass).or_default().tiles.push(kept.clone());
+        }
+        let clock = Clock { start: Instant::now(), before: Duration::ZERO };
+        let tile = TileSize::Edge(edge);
+        let mut passes = Passes::new(Plan::new(goal, WHOLE), (WHOLE, tile), clock, by_pass, None);
+        let (mut all, mut rendered) = (left.to_vec(), 0);
+        let mut turn = passes.first();
+        while let Some(step) = turn.step {
+            let regions = if step.regions.is_empty() { vec![WHOLE] } else { step.regions };
+            for region in regions.iter().flat_map(|r| r.blocks(edge)) {
+                if all.len() - left.len() == most {
+                    return (all, rendered, None);
+                }
+                let (lease, error) = (passes.lease(region), error(&region, step.tolerance));
+                let done = TileDone {
+                    lease: lease.id,
+                    attempt: lease.attempt,
+                    pixels: bytes::Bytes::new(),
+                    error,
+                    rays: RayCounts::default(),
+                    busy: Duration::ZERO,
+                    idle: Duration::ZERO,
+                };
+                passes.accept(region, &done, String::new());
+                let kept = Kept { lease, error, rays: done.rays, place: Place::default() };
+                all.push((passes.begun - 1, kept));
+                rendered += region.area();
+            }
+            turn = passes.passed();
+        }
+        let end = End { passes: passes.begun, tolerance: passes.tolerance, error: passes.error() };
+        (all, rendered, Some(end))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+
+        /// Ended anywhere, any number of times, a render comes to the same end, and nothing is rendered twice.
+        #[test]
+        fn a_render_that_is_gone_on_with_is_the_quiet_one(
+            edges in prop::collection::vec(5u32..80, 1..5), most in 1usize..60,
+            target in prop::option::of(0.2f64..4.0),
+        ) {
+            let goal = target.map_or(Goal::AsSet, |steps| Goal::Error(steps / 255.0));
+            let (_, once, quiet) = run(goal, &[], edges[0], usize::MAX);
+            let (mut left, mut sum, mut end) = (Vec::new(), 0, None);
+            for edge in edges.iter().cycle() {
+                let (all, rendered, ended) = run(goal, &left, *edge, most);
+                (left, sum) = (all, sum + rendered);
+                if ended.is_some() {
+                    end = ended;
+                    break;
+                }
+            }
+            prop_assert_eq!(end, quiet);
+            prop_assert_eq!(sum, once);
+        }
+    }
+
+    #[test]
+    fn tiles_that_were_rendered_otherwise_or_overlap_are_not_taken() {
+        let goal = Goal::AsSet;
+        let (all, ..) = run(goal, &[], 50, 3);
+        let mut other = all.clone();
+        other.iter_mut().for_each(|(_, kept)| kept.lease.tolerance = Some(Tolerance::MIN));
+        assert_eq!(run(goal, &other, 50, usize::MAX).1, WHOLE.area());
+        let twice = [&all[..], &all[..1]].concat();
+        assert_eq!(run(goal, &twice, 50, usize::MAX).1, WHOLE.area());
+        assert!(run(goal, &all, 50, usize::MAX).1 < WHOLE.area());
+    }
+}

@@ -17,7 +17,7 @@ const HEAD: usize = 20;
 const MAX_BODY: u32 = 1 << 20;
 
 /// Where the body of a record stands in the file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Place {
     pub(super) at: u64,
     pub(super) length: u32,
@@ -85,11 +85,20 @@ pub(super) fn scan<E: From<io::Error>>(
         return Ok(Extent::Foreign);
     }
     let mut at = got as u64;
-    while let Some((place, record)) = next(&mut from, at)? {
+    loop {
+        let mut found = next(&mut from, at)?;
+        if found.is_none() {
+            if !was_synced(file, at)? {
+                return Ok(Extent::Until(at));
+            }
+            // Whoever writes the file may have got so far meanwhile.
+            from.seek(SeekFrom::Start(at))?;
+            found = next(&mut from, at)?;
+        }
+        let Some((place, record)) = found else { return Ok(Extent::Damaged(at)) };
         each(place, record)?;
         at = place.at + u64::from(place.length);
     }
-    Ok(if was_synced(file, at)? { Extent::Damaged(at) } else { Extent::Until(at) })
 }
 
 /// The record that stands at `at`, where `from` is; `None` where it is not whole or not sound.

@@ -31,26 +31,34 @@ const RETRY_AFTER: Duration = Duration::from_secs(5);
 
 /// What is to be kept.
 enum Entry {
-    Tile { lease: Lease, done: TileDone, worker: String, at: Duration },
+    Tile(Box<Accepted>),
     Passed(journal::Passed),
+}
+
+/// A tile, by whom and when.
+struct Accepted {
+    lease: Lease,
+    done: TileDone,
+    worker: String,
+    at: Duration,
 }
 
 impl Entry {
     /// Memory that it takes, about.
     fn bytes(&self) -> usize {
         match self {
-            Self::Tile { done, .. } => 256 + done.pixels.len(),
+            Self::Tile(tile) => 256 + tile.done.pixels.len(),
             Self::Passed(_) => 0,
         }
     }
 
     fn record(self) -> Record {
         let kind = match self {
-            Self::Tile { lease, done, worker, at } => Kind::Tile(journal::Tile {
-                lease: Some(lease.into()),
-                done: Some(done.into()),
-                worker,
-                at_us: super::micros(at),
+            Self::Tile(tile) => Kind::Tile(journal::Tile {
+                lease: Some(tile.lease.into()),
+                done: Some(tile.done.into()),
+                worker: tile.worker,
+                at_us: super::micros(tile.at),
             }),
             Self::Passed(passed) => Kind::Passed(passed),
         };
@@ -75,7 +83,7 @@ impl Sink {
         if !pixels {
             done.pixels = Bytes::new();
         }
-        self.send(Entry::Tile { lease, done, worker, at });
+        self.send(Entry::Tile(Box::new(Accepted { lease, done, worker, at })));
     }
 
     /// Keeps the end of a pass.
@@ -329,6 +337,11 @@ impl Writer {
             tracing::warn!("cannot write '{}': {e}; what is done now is not kept there", self.path.display());
         }
         out.retry_at = Some(Instant::now() + RETRY_AFTER);
+        if out.end == 0 {
+            // Not even its beginning: nothing is there to go on from.
+            let _ = std::fs::remove_file(&self.path);
+            self.exists.store(false, Ordering::Release);
+        }
         if ended.is_err() || out.end == 0 {
             self.state = State::Dead;
         }
