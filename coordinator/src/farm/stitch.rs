@@ -31,6 +31,9 @@ pub(super) struct Stitched {
     pub(super) done: Vec<Region>,
 }
 
+/// The picture to come.
+type Given = oneshot::Receiver<Result<Stitched, RenderError>>;
+
 impl Stitched {
     fn put(&mut self, whole: &Region, region: Region, pixels: &[u8], first: bool) {
         let row_bytes = region.width() as usize * self.image.format().bytes_per_pixel();
@@ -54,7 +57,7 @@ pub(super) fn start(
     whole: Region,
     format: PixelFormat,
     journal: Option<File>,
-) -> io::Result<(mpsc::Sender<Stitch>, oneshot::Receiver<Result<Stitched, RenderError>>)> {
+) -> io::Result<(mpsc::Sender<Stitch>, Given)> {
     let (sender, mut tiles) = mpsc::channel::<Stitch>(WAITING);
     let (give, given) = oneshot::channel();
     let mut stitch = move || {

@@ -316,15 +316,13 @@ impl Writer {
         if out.synced == out.end {
             return;
         }
-        let synced = out.file.sync_data().and_then(|()| {
-            if !out.folder_synced {
-                sync_folder(&self.path);
-                out.folder_synced = true;
+        match out.file.sync_data() {
+            Ok(()) => {
+                out.synced = out.end;
+                if !std::mem::replace(&mut out.folder_synced, true) {
+                    sync_folder(&self.path);
+                }
             }
-            Ok(())
-        });
-        match synced {
-            Ok(()) => out.synced = out.end,
             Err(e) => self.refused(&e),
         }
     }
