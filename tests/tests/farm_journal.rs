@@ -65,7 +65,7 @@ async fn begin(path: &Path, tile: TileSize, tiles: i64) {
     let journal = journal(path);
     cluster.job.journal = Some(journal.clone());
     let mut running = cluster.start().await;
-    running.until(|p| p.tiles_done >= tiles as u64).await;
+    running.until(|p| p.tiles_done >= p.earlier.tiles + tiles as u64).await;
     running.cancel.cancel();
     let ended = running.end().await.unwrap_err();
     assert!(matches!(ended.error, RenderError::Cancelled));
