@@ -129,17 +129,17 @@ fn a_uniform_render_survives_being_killed_again_and_again() {
 
 #[test]
 fn an_adaptive_render_survives_being_killed_again_and_again() {
-    survives("mirrors.xml", "--size 500x375 --quality reference --max-depth 12 --threads 2", 2);
+    survives("mirrors.xml", "--size 320x240 --quality final --threads 2", 2);
 }
 
 #[test]
 fn a_render_towards_an_error_survives_being_killed_again_and_again() {
-    survives("mirrors.xml", "--size 1000x750 --max-error 0.15 --max-depth 12 --threads 2", 3);
+    survives("mirrors.xml", "--size 240x180 --max-error 0.3 --threads 2", 3);
 }
 
 #[test]
 fn a_render_within_a_time_survives_being_killed_again_and_again() {
-    survives("mirrors.xml", "--size 1000x750 --time-limit 2h --max-error 0.15 --max-depth 12 --threads 2", 4);
+    survives("mirrors.xml", "--size 240x180 --time-limit 2h --max-error 0.3 --threads 2", 4);
 }
 
 #[test]
