@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::scene::Scene;
-use tessera_core::settings::{Settings, Tolerance};
+use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_proto::{PixelFormat, Pixels};
 use worker::{Exact, Studio};
 
 use crate::farm::Timing;
 use crate::journal::Journal;
-use crate::plan::Goal;
+use crate::plan::{Forecast, Goal};
 
 /// The scene of a job.
 #[derive(Clone, Debug)]
@@ -117,13 +117,21 @@ impl RenderJob {
 /// How far a render is.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Tiles stitched.
+    /// Passes begun, looks at parts of the picture included.
+    pub pass: u32,
+    /// Whether the pass at hand is such a look.
+    pub is_look: bool,
+    /// The share of the render that is done, as far as can be told: it never falls.
+    pub share: f64,
+    /// Time to go, as far as can be told.
+    pub remaining: Option<Duration>,
+    /// Tiles of the pass that are done.
     pub tiles_done: u64,
-    /// Tiles in all: an estimate until the end where tiles are sized by cost.
+    /// Tiles of it in all: an estimate until the end where tiles are sized by cost.
     pub tiles_total: u64,
-    /// Pixels stitched.
+    /// Pixels of the pass that are done.
     pub pixels_done: u64,
-    /// Pixels in all.
+    /// Pixels of it in all.
     pub pixels_total: u64,
     /// Rays of the tiles stitched.
     pub rays: RayCounts,
@@ -192,10 +200,14 @@ pub struct Rendered {
     pub tiles: u64,
     /// From the first lease to the last pixel stitched.
     pub trace: Duration,
-    /// How far the pixels are thought to be off; `None` under uniform sampling.
+    /// How far the pixels are off; `None` under uniform sampling.
     pub error: Option<ErrorEstimate>,
-    /// Within what the last pass was rendered, where it was adaptive.
-    pub tolerance: Option<Tolerance>,
+    /// Whether the error asked for was reached; `None` where none was. Of a region, whether the whole reaches it.
+    pub target_met: Option<bool>,
+    /// The last pass that covers all pixels, where sampling was adaptive. Later ones may cover some.
+    pub pass: Option<Pass>,
+    /// What other errors would take, where that can be told.
+    pub forecast: Option<Forecast>,
     /// Passes that the picture took, looks at parts of it included.
     pub passes: u32,
     /// Whether time was up before the goal was reached.

@@ -12,5 +12,5 @@ pub use farm::{Farm, Timing, render};
 pub use job::{
     Earlier, ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats,
 };
-pub use plan::Goal;
+pub use plan::{Forecast, Goal};
 pub use tessera_proto::{PixelFormat, Pixels};

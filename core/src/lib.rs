@@ -8,6 +8,7 @@
 //! This crate does no networking, reads no clock, spawns no async task and
 //! prints nothing.
 
+mod beam;
 mod bvh;
 pub mod film;
 mod geometry;

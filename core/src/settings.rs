@@ -27,6 +27,9 @@ pub enum SettingsError {
     /// Samples form a square grid of at most [`Sampling::MAX_GRID`] a side.
     #[error("samples must be a square number from 1 to {max}, not {0}", max = Sampling::MAX_GRID * Sampling::MAX_GRID)]
     Samples(u64),
+    /// A scrambled sequence has at most [`Sampling::MAX_SAMPLES`] points.
+    #[error("samples must be 1 to {max}, not {0}", max = Sampling::MAX_SAMPLES)]
+    Scrambled(u64),
 }
 
 impl View {
@@ -94,18 +97,64 @@ pub enum Sampling {
         /// Grid cells along a pixel's edge, 1 to [`Sampling::MAX_GRID`].
         grid: u32,
     },
-    /// Pixels' corners, and more wherever the picture's edges and variation ask for it.
-    Adaptive {
-        /// When a part of a pixel is known well enough.
-        tolerance: Tolerance,
-        /// Whether every pixel is to keep to it, whatever it costs; else pixels whose rays are
-        /// dear may miss it, so that the picture as a whole is as good as so many rays allow.
-        every_pixel: bool,
+    /// As many points of a scrambled low-discrepancy sequence in every pixel, another one in each.
+    Scrambled {
+        /// Points a pixel, 1 to the square of [`Sampling::MAX_GRID`].
+        samples: u32,
     },
+    /// As many points as each pixel needs, in passes of a [`Detail`] each.
+    Adaptive,
 }
 
-/// The standard deviation that a pixel's error may keep, in billionths of full scale. A whole
-/// number, so that equal tolerances are equal everywhere.
+/// How closely one pass over an adaptive picture looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Detail {
+    /// One point in every square of so many pixels' edge, 2 to [`Detail::COARSEST`], which all its pixels show.
+    Coarse {
+        /// Pixels along an edge.
+        step: u32,
+    },
+    /// Points go where they take off most, until a typical edge keeps this error.
+    Within(Tolerance),
+}
+
+impl Detail {
+    /// The greatest step.
+    pub const COARSEST: u32 = 64;
+}
+
+/// One pass over an adaptive picture. Pixels depend on the scene, the settings, `detail` and their place
+/// alone; `audit` decides which of them are sampled afresh to measure their errors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Pass {
+    /// How closely it looks.
+    pub detail: Detail,
+    /// How many of the pixels are audited.
+    pub audit: AuditRate,
+}
+
+/// How likely pixels are audited, in 65,536ths: 0 for none; a pixel whose error is expected to be the
+/// tolerance's is drawn with this probability, others in proportion to their expected squared error, with
+/// a floor below ([`AuditRate::FLOOR`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct AuditRate(pub u32);
+
+impl AuditRate {
+    /// The rate at which every pixel is audited.
+    pub const ALL: Self = Self(u32::MAX);
+    /// The least part of the rate with which any pixel is drawn.
+    pub const FLOOR: f64 = 1.0 / 16.0;
+
+    /// As a factor of probabilities; those above 1 are 1.
+    #[must_use]
+    pub fn factor(self) -> f64 {
+        f64::from(self.0) / 65536.0
+    }
+}
+
+/// The error that a typical edge pixel may keep (root mean square), in billionths of full scale. Others keep
+/// more or less, such that the same effort takes off as much everywhere. A whole number, so that equal
+/// tolerances are equal everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Tolerance {
     billionths: u32,
@@ -148,10 +197,10 @@ impl Tolerance {
 pub enum Quality {
     /// To see what is where.
     Draft,
-    /// To judge it.
-    Preview,
-    /// To use it: nearly all pixels within 1/255.
+    /// To use it.
     #[default]
+    Normal,
+    /// To print it.
     Final,
     /// To hold others against it.
     Reference,
@@ -159,25 +208,18 @@ pub enum Quality {
 
 impl Quality {
     /// Every quality, the coarsest first.
-    pub const ALL: [Self; 4] = [Self::Draft, Self::Preview, Self::Final, Self::Reference];
+    pub const ALL: [Self; 4] = [Self::Draft, Self::Normal, Self::Final, Self::Reference];
 
-    /// The sampling it stands for.
+    /// The root mean squared error it stands for, as a fraction of full scale.
     #[must_use]
-    pub fn sampling(self) -> Sampling {
-        let every_pixel = matches!(self, Self::Final | Self::Reference);
-        Sampling::Adaptive { tolerance: self.tolerance(), every_pixel }
-    }
-
-    /// The tolerance it stands for.
-    #[must_use]
-    pub fn tolerance(self) -> Tolerance {
+    pub fn rmse(self) -> f64 {
         let steps = match self {
-            Self::Draft => 8.0,
-            Self::Preview => 1.0,
-            Self::Final => 0.22,
-            Self::Reference => 0.1,
+            Self::Draft => 2.0,
+            Self::Normal => 0.5,
+            Self::Final => 0.25,
+            Self::Reference => 0.05,
         };
-        Tolerance::new(steps / 255.0)
+        steps / 255.0
     }
 
     /// What users call it.
@@ -185,7 +227,7 @@ impl Quality {
     pub fn name(self) -> &'static str {
         match self {
             Self::Draft => "draft",
-            Self::Preview => "preview",
+            Self::Normal => "normal",
             Self::Final => "final",
             Self::Reference => "reference",
         }
@@ -195,9 +237,8 @@ impl Quality {
 impl Sampling {
     /// The finest uniform grid, in cells along a pixel's edge.
     pub const MAX_GRID: u32 = 64;
-
-    /// For a target of the picture as a whole, whose passes bring tolerances of their own.
-    pub const TOWARDS_A_TARGET: Self = Self::Adaptive { tolerance: Tolerance::MAX, every_pixel: false };
+    /// The most points of a scrambled sequence.
+    pub const MAX_SAMPLES: u32 = Self::MAX_GRID * Self::MAX_GRID;
 
     /// Uniform sampling by `samples` = n² points a pixel.
     ///
@@ -208,6 +249,17 @@ impl Sampling {
             .find(|&n| u64::from(n) * u64::from(n) == samples)
             .map(|grid| Self::Uniform { grid })
             .ok_or(SettingsError::Samples(samples))
+    }
+
+    /// Sampling by `samples` points of a scrambled sequence in every pixel.
+    ///
+    /// # Errors
+    /// When they are none, or more than [`Sampling::MAX_SAMPLES`].
+    pub fn scrambled(samples: u64) -> Result<Self, SettingsError> {
+        match u32::try_from(samples) {
+            Ok(samples @ 1..=Self::MAX_SAMPLES) => Ok(Self::Scrambled { samples }),
+            _ => Err(SettingsError::Scrambled(samples)),
+        }
     }
 }
 

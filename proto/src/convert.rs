@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use bytes::Bytes;
-use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::{Sampling, Settings, SettingsError, Tolerance, Transfer, View};
+use tessera_core::film::{ErrorEstimate, Region, Sum};
+use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, SettingsError, Tolerance, Transfer, View};
 use tessera_core::trace::RayCounts;
 
-use crate::ids::{Attempt, InstanceId, LeaseId, Pass, SceneHash};
+use crate::ids::{Attempt, InstanceId, LeaseId, PassNumber, SceneHash};
 use crate::limits::{
     BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
 };
@@ -177,19 +177,18 @@ impl TryFrom<wire::Job> for Job {
 
 impl From<Settings> for wire::Settings {
     fn from(s: Settings) -> Self {
-        let (grid, tolerance, every_pixel) = match s.sampling {
-            Sampling::Uniform { grid } => (grid, 0, false),
-            Sampling::Adaptive { tolerance, every_pixel } => (0, tolerance.billionths(), every_pixel),
-        };
+        use wire::settings::Sampling as Wire;
         Self {
             width: s.view.width(),
             height: s.view.height(),
             zoom: s.view.zoom(),
             plane_height: s.view.plane_height(),
             max_depth: s.max_depth,
-            sample_grid: grid,
-            tolerance_billionths: tolerance,
-            every_pixel,
+            sampling: Some(match s.sampling {
+                Sampling::Uniform { grid } => Wire::Grid(grid),
+                Sampling::Scrambled { samples } => Wire::Scrambled(samples),
+                Sampling::Adaptive => Wire::Adaptive(wire::Adaptive {}),
+            }),
             transfer: match s.transfer {
                 Transfer::Srgb => wire::Transfer::Srgb,
                 Transfer::Linear => wire::Transfer::Linear,
@@ -211,10 +210,12 @@ impl TryFrom<wire::Settings> for Settings {
         if s.max_depth == 0 {
             return Err(SettingsError::MaxDepth.into());
         }
-        let sampling = match (s.sample_grid, tolerance(s.tolerance_billionths)?) {
-            (0, Some(tolerance)) => Sampling::Adaptive { tolerance, every_pixel: s.every_pixel },
-            (grid @ 1..=Sampling::MAX_GRID, None) if !s.every_pixel => Sampling::Uniform { grid },
-            _ => return Err(Malformed::Range("the sample grid")),
+        use wire::settings::Sampling as Wire;
+        let sampling = match s.sampling.ok_or(Malformed::Missing("the sampling"))? {
+            Wire::Grid(grid @ 1..=Sampling::MAX_GRID) => Sampling::Uniform { grid },
+            Wire::Scrambled(samples @ 1..=Sampling::MAX_SAMPLES) => Sampling::Scrambled { samples },
+            Wire::Adaptive(wire::Adaptive {}) => Sampling::Adaptive,
+            Wire::Grid(_) | Wire::Scrambled(_) => return Err(Malformed::Range("the number of samples")),
         };
         Ok(Self {
             view: View::new(s.width, s.height, s.zoom, s.plane_height)?,
@@ -225,12 +226,15 @@ impl TryFrom<wire::Settings> for Settings {
     }
 }
 
-/// A tolerance, 0 standing for none.
-fn tolerance(billionths: u32) -> Result<Option<Tolerance>, Malformed> {
-    match billionths {
-        0 => Ok(None),
-        n if Tolerance::from_billionths(n).billionths() == n => Ok(Some(Tolerance::from_billionths(n))),
-        _ => Err(Malformed::Range("a tolerance")),
+fn detail(detail: wire::lease::Detail) -> Result<Detail, Malformed> {
+    use wire::lease::Detail as Wire;
+    match detail {
+        Wire::CoarseStep(step @ 2..=Detail::COARSEST) => Ok(Detail::Coarse { step }),
+        Wire::CoarseStep(_) => Err(Malformed::Range("a coarse step")),
+        Wire::ToleranceBillionths(n) => match Tolerance::from_billionths(n) {
+            tolerance if tolerance.billionths() == n => Ok(Detail::Within(tolerance)),
+            _ => Err(Malformed::Range("a tolerance")),
+        },
     }
 }
 
@@ -280,21 +284,25 @@ pub struct Lease {
     pub attempt: Attempt,
     /// The pixels.
     pub region: Region,
-    /// Which pass over them.
-    pub pass: Pass,
-    /// Within what, where not as the settings say.
-    pub tolerance: Option<Tolerance>,
+    /// Which pass over the picture it belongs to.
+    pub number: PassNumber,
+    /// How closely that looks; `None` where sampling is uniform.
+    pub pass: Option<Pass>,
 }
 
 impl From<Lease> for wire::Lease {
     fn from(l: Lease) -> Self {
-        let tolerance_billionths = l.tolerance.map_or(0, Tolerance::billionths);
+        use wire::lease::Detail as Wire;
         Self {
             lease: l.id.0,
             attempt: l.attempt.0,
             region: Some(l.region.into()),
-            pass: l.pass.0,
-            tolerance_billionths,
+            pass: l.number.0,
+            detail: l.pass.map(|pass| match pass.detail {
+                Detail::Coarse { step } => Wire::CoarseStep(step),
+                Detail::Within(tolerance) => Wire::ToleranceBillionths(tolerance.billionths()),
+            }),
+            audit_rate: l.pass.map_or(0, |pass| pass.audit.0),
         }
     }
 }
@@ -303,12 +311,18 @@ impl TryFrom<wire::Lease> for Lease {
     type Error = Malformed;
 
     fn try_from(l: wire::Lease) -> Result<Self, Malformed> {
+        let audit = AuditRate(l.audit_rate);
+        let pass = match l.detail {
+            Some(d) => Some(Pass { detail: detail(d)?, audit }),
+            None if audit == AuditRate::default() => None,
+            None => return Err(Malformed::Missing("what to audit")),
+        };
         Ok(Self {
             id: LeaseId(l.lease),
             attempt: Attempt(l.attempt),
             region: l.region.ok_or(Malformed::Missing("a region"))?.try_into()?,
-            pass: Pass(l.pass),
-            tolerance: tolerance(l.tolerance_billionths)?,
+            number: PassNumber(l.pass),
+            pass,
         })
     }
 }
@@ -336,8 +350,10 @@ impl TryFrom<wire::RayCounts> for RayCounts {
 
 impl From<ErrorEstimate> for wire::ErrorEstimate {
     fn from(e: ErrorEstimate) -> Self {
-        let ErrorEstimate { pixels, squares, weight_squares, depth_squares, worst } = e;
-        Self { pixels, squares, worst, weight_squares, depth_squares }
+        // `as` takes the upper and the lower half.
+        let sum = |Sum(units)| (units != 0).then_some(wire::Sum { high: (units >> 64) as i64, low: units as u64 });
+        let ErrorEstimate { pixels, expected, audited, squares, variance } = e;
+        Self { pixels, expected: sum(expected), audited, squares: sum(squares), variance: sum(variance) }
     }
 }
 
@@ -345,14 +361,16 @@ impl TryFrom<wire::ErrorEstimate> for ErrorEstimate {
     type Error = Malformed;
 
     fn try_from(e: wire::ErrorEstimate) -> Result<Self, Malformed> {
-        // A pixel's square is at most full scale's, and rounded up.
-        let most = e.pixels.checked_mul((1 << Self::SHIFT) + 1);
-        let wire::ErrorEstimate { pixels, squares, worst, weight_squares, depth_squares } = e;
-        let largest = squares.max(weight_squares).max(depth_squares);
-        if pixels > MAX_TILE_PIXELS || most.is_none_or(|most| largest > most) {
+        let sum = |s: Option<wire::Sum>| Sum(s.map_or(0, |s| (i128::from(s.high) << 64) | i128::from(s.low)));
+        let wire::ErrorEstimate { pixels, audited, .. } = e;
+        let (expected, squares, variance) = (sum(e.expected), sum(e.squares), sum(e.variance));
+        let negative = expected.0 < 0 || variance.0 < 0;
+        let unfounded = audited == 0 && (squares, variance) != (Sum::default(), Sum::default());
+        // Counts so small add up without overflow; sums stop at the ends of their range.
+        if pixels > MAX_TILE_PIXELS || audited > pixels || negative || unfounded {
             return Err(Malformed::Range("an error"));
         }
-        Ok(Self { pixels, squares, weight_squares, depth_squares, worst })
+        Ok(Self { pixels, expected, audited, squares, variance })
     }
 }
 
@@ -450,113 +468,4 @@ pub fn check_size(bytes: &[u8], format: PixelFormat, region: &Region) -> Result<
 }
 
 #[cfg(test)]
-mod tests {
-    use tessera_core::settings::Quality;
-
-    use super::*;
-
-    fn settings() -> Settings {
-        Settings {
-            view: View::new(640, 480, 1.5, 0.75).unwrap(),
-            max_depth: 7,
-            sampling: Sampling::Uniform { grid: 3 },
-            transfer: Transfer::Linear,
-        }
-    }
-
-    #[test]
-    fn a_job_survives_the_wire() {
-        for scene in [None, Some((SceneHash([7; 32]), 1234))] {
-            for sampling in [settings().sampling, Quality::Preview.sampling(), Quality::Final.sampling()] {
-                let settings = Settings { sampling, ..settings() };
-                let job = Job { scene, settings, pixels: PixelFormat::Rgb16 };
-                assert_eq!(Job::try_from(wire::Job::from(job.clone())).unwrap(), job);
-            }
-        }
-    }
-
-    #[test]
-    fn settings_of_a_peer_are_checked() {
-        let good = wire::Settings::from(settings());
-        for bad in [
-            wire::Settings { width: 0, ..good },
-            wire::Settings { height: u32::MAX, ..good },
-            wire::Settings { zoom: f64::NAN, ..good },
-            wire::Settings { plane_height: -1.0, ..good },
-            wire::Settings { max_depth: 0, ..good },
-            wire::Settings { sample_grid: 0, ..good },
-            wire::Settings { sample_grid: 1 << 20, ..good },
-            wire::Settings { transfer: 9, ..good },
-            wire::Settings { every_pixel: true, ..good },
-        ] {
-            assert!(Settings::try_from(bad).is_err(), "{bad:?}");
-        }
-    }
-
-    #[test]
-    fn regions_of_a_peer_are_checked() {
-        let region = |x0, y0, x1, y1| Region::try_from(wire::Region { x0, y0, x1, y1 });
-        assert!(region(0, 0, 256, 256).is_ok());
-        assert!(region(0, 0, 257, 256).is_err());
-        assert!(region(5, 0, 5, 1).is_err());
-        assert!(region(0, 0, u32::MAX, u32::MAX).is_err());
-    }
-
-    #[test]
-    fn pixels_survive_the_wire_in_every_format() {
-        let region = Region::new(3, 4, 5, 5).unwrap();
-        for pixels in [
-            Pixels::Rgb8(vec![[1, 2, 3], [4, 5, 255]]),
-            Pixels::Rgb16(vec![[1, 2, 300], [4, 5, u16::MAX]]),
-            Pixels::F32(vec![[0.0, -0.0, 1e-40], [1.5, 1e30, 0.1]]),
-        ] {
-            let (bytes, format) = (pixel_bytes(&pixels), pixels.format());
-            assert_eq!(check_pixels(&bytes, format), Ok(()));
-            assert_eq!(check_size(&bytes, format, &region), Ok(()));
-            let mut back = Pixels::black(format, 4).unwrap();
-            back.put(1, &bytes);
-            let mut wanted = Pixels::black(format, 1).unwrap();
-            match (&mut wanted, &pixels) {
-                (Pixels::Rgb8(w), Pixels::Rgb8(p)) => w.extend(p),
-                (Pixels::Rgb16(w), Pixels::Rgb16(p)) => w.extend(p),
-                (Pixels::F32(w), Pixels::F32(p)) => w.extend(p),
-                _ => unreachable!(),
-            }
-            match &mut wanted {
-                Pixels::Rgb8(w) => w.push([0; 3]),
-                Pixels::Rgb16(w) => w.push([0; 3]),
-                Pixels::F32(w) => w.push([0.0; 3]),
-            }
-            assert_eq!(back, wanted);
-            assert!(check_size(&bytes[..bytes.len() / 2], format, &region).is_err());
-            assert!(check_pixels(&bytes[1..], format).is_err());
-            assert!(check_pixels(&[], format).is_err());
-            assert!(check_pixels(&vec![0; format.bytes_per_pixel() * 65_537], format).is_err());
-        }
-        for bad in [f32::NAN, f32::INFINITY] {
-            let bytes = pixel_bytes(&Pixels::F32(vec![[0.0; 3], [0.0, bad, 0.0]]));
-            assert_eq!(check_pixels(&bytes, PixelFormat::F32), Err(Malformed::NotFinite));
-        }
-    }
-
-    #[test]
-    fn a_registration_is_checked_and_made_presentable() {
-        let good = wire::Register::from(Registration {
-            name: "w1".into(),
-            threads: 2,
-            instance: InstanceId(5),
-            local: Some([1; 16]),
-        });
-        assert_eq!(check_match(&good), Ok(()));
-        let old = wire::Register { protocol: 0, ..good.clone() };
-        assert_eq!(check_match(&old), Err(Mismatch::Protocol(0)));
-        assert!(check_match(&wire::Register { build: "0".into(), ..good.clone() }).is_err());
-        assert!(check_match(&wire::Register { numeric_mode: "f32".into(), ..good.clone() }).is_err());
-        assert!(Registration::try_from(wire::Register { threads: 0, ..good.clone() }).is_err());
-        assert!(Registration::try_from(wire::Register { threads: 1 << 20, ..good.clone() }).is_err());
-        assert!(Registration::try_from(wire::Register { local: vec![1], ..good.clone() }).is_err());
-        assert!(Registration::try_from(wire::Register { name: "x".repeat(65), ..good.clone() }).is_err());
-        let odd = Registration::try_from(wire::Register { name: "a\u{1b}[2Jb\n".into(), ..good }).unwrap();
-        assert!(!odd.name.chars().any(char::is_control));
-    }
-}
+mod tests;

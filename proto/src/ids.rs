@@ -33,9 +33,9 @@ id! {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Attempt(pub u32);
 
-/// Which pass over a region: there is one, 0, until pictures are refined in passes.
+/// Which of the passes over a picture, counted from 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Pass(pub u32);
+pub struct PassNumber(pub u32);
 
 /// SHA-256 over a scene's binary form: the same for equal scenes.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -10,7 +10,7 @@ pub mod limits;
 mod pixels;
 pub mod scene;
 
-pub use ids::{Attempt, InstanceId, LeaseId, Pass, SceneHash, SessionId};
+pub use ids::{Attempt, InstanceId, LeaseId, PassNumber, SceneHash, SessionId};
 pub use pixels::{PixelFormat, Pixels};
 
 /// What is generated from `farm.proto`, documented there.

@@ -126,6 +126,25 @@ impl Cluster {
     }
 }
 
+impl Cluster {
+    /// As [`Cluster::render`], however long it takes.
+    ///
+    /// # Errors
+    /// As the render ends.
+    ///
+    /// # Panics
+    /// When there is no runtime to be had.
+    pub fn render_unhurried(self) -> Result<Rendered, Unfinished> {
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            let Running { render, progress, .. } = self.start().await;
+            let end = render.await.expect("the render panicked");
+            drop(progress);
+            end
+        })
+    }
+}
+
 /// A farm at work.
 #[derive(Debug)]
 pub struct Running {

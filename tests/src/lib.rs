@@ -21,3 +21,4 @@ pub mod proxy;
 pub mod reference;
 pub mod studio;
 pub mod subject;
+pub mod truth;

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 
 use tessera_core::film::{ErrorEstimate, Region, Tile};
-use tessera_core::settings::{Settings, Tolerance};
+use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use worker::{Exact, Studio, TileTracer};
 
@@ -132,8 +132,8 @@ impl TileTracer for Gated {
         self.0.render(region)
     }
 
-    fn render_within(&self, region: Region, tolerance: Tolerance) -> (Tile, RayCounts) {
+    fn render_pass(&self, region: Region, pass: Pass) -> (Tile, RayCounts) {
         self.wait();
-        self.0.render_within(region, tolerance)
+        self.0.render_pass(region, pass)
     }
 }

@@ -124,8 +124,8 @@ impl Inner {
     }
 
     fn render(&self, lease: &Lease) -> Result<(Pixels, ErrorEstimate, RayCounts), String> {
-        let render = || match lease.tolerance {
-            Some(tolerance) => self.tracer.render_within(lease.region, tolerance),
+        let render = || match lease.pass {
+            Some(pass) => self.tracer.render_pass(lease.region, pass),
             None => self.tracer.render(lease.region),
         };
         let (tile, rays) = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {

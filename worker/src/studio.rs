@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use tessera_core::film::{Region, Tile};
-use tessera_core::settings::{Settings, Tolerance};
+use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts, Tracer};
 
 /// Sets up tracers.
@@ -18,11 +18,11 @@ pub trait Studio: Send + Sync + fmt::Debug {
 
 /// Renders regions of one picture.
 pub trait TileTracer: Send + Sync {
-    /// The pixels of `region`, on the calling rayon pool.
+    /// The pixels of `region` by uniform sampling, on the calling rayon pool.
     fn render(&self, region: Region) -> (Tile, RayCounts);
 
-    /// The same within another tolerance than the settings'.
-    fn render_within(&self, region: Region, _tolerance: Tolerance) -> (Tile, RayCounts) {
+    /// The pixels of `region` in one pass of an adaptive picture, and their errors.
+    fn render_pass(&self, region: Region, _pass: Pass) -> (Tile, RayCounts) {
         self.render(region)
     }
 }
@@ -42,7 +42,7 @@ impl TileTracer for Tracer {
         Self::render(self, region)
     }
 
-    fn render_within(&self, region: Region, tolerance: Tolerance) -> (Tile, RayCounts) {
-        Self::render_within(self, region, tolerance)
+    fn render_pass(&self, region: Region, pass: Pass) -> (Tile, RayCounts) {
+        Self::render_pass(self, region, pass)
     }
 }

@@ -75,7 +75,7 @@ pub(crate) enum Command {
 
 const RENDER_EXAMPLES: &str = "Examples:\n  \
     coordinator render scene.xml                            scene.png, 640x480, on this machine\n  \
-    coordinator render scene.xml -o big.png --size 1920x1080 --quality preview\n  \
+    coordinator render scene.xml -o big.png --size 1920x1080 --quality draft\n  \
     coordinator render scene.xml --max-error 0.5            as good as that, no better\n  \
     coordinator render scene.xml --time-limit 90s           as good as that time allows\n  \
     coordinator render scene.xml --region 300,200,400,300   look at one part\n  \
@@ -86,10 +86,10 @@ const RENDER_EXAMPLES: &str = "Examples:\n  \
 const RENDER_MORE: &str = "Examples:\n  \
     coordinator render scene.xml\n      \
         scene.png, 640x480, on this machine\n  \
-    coordinator render scene.xml -o big.png --size 1920x1080 --quality preview\n      \
+    coordinator render scene.xml -o big.png --size 1920x1080 --quality draft\n      \
         a larger picture, sooner\n  \
     coordinator render scene.xml --max-error 0.5\n      \
-        with a root mean squared error of half an 8-bit step, and no better\n  \
+        with a root mean squared error below half an 8-bit step, and hardly better\n  \
     coordinator render scene.xml --time-limit 90s\n      \
         the best there is in a minute and a half, reading and writing included\n  \
     coordinator render scene.xml --samples 16\n      \
@@ -108,7 +108,7 @@ const RENDER_MORE: &str = "Examples:\n  \
     2    the arguments make no sense, or the picture could not be written where it should\n  \
     3    the scene is not valid\n  \
     4    no worker came, or all were lost for good\n  \
-    5    time was up before --max-error was reached, or before the picture was whole; it is written\n  \
+    5    the accuracy asked for was not reached, for want of time or otherwise; the picture is written\n  \
     130  interrupted; what was done is kept beside the target, as NAME.partial.png\n\n\
     A first Ctrl-C stops and keeps what is done, a second one leaves at once. The same command goes on where \
     any of these ended it, or a crash, from what is kept in OUTPUT.journal.";
@@ -145,18 +145,21 @@ pub(crate) struct Render {
     /// Rays in a path at most, the camera's included: 1 shows no reflections
     #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..), allow_hyphen_values = true, help_heading = "Accuracy")]
     pub(crate) max_depth: u32,
-    /// Adaptive sampling to a named accuracy: draft to see what is where, preview to judge it, final to use it, reference to hold others against it [default: final, unless another accuracy is asked for]
+    /// Root mean squared error by name: draft is 2 8-bit steps, normal 0.5, final 0.25, reference 0.05 [default: normal, unless another accuracy is asked for]
     #[arg(long, value_name = "NAME", conflicts_with_all = ["max_error", "time_limit", "samples"], help_heading = "Accuracy")]
     pub(crate) quality: Option<QualityArg>,
-    /// Root mean squared error to aim at: in 8-bit steps (0.5), or as a fraction of full scale (1/510)
+    /// Root mean squared error at most: in 8-bit steps (0.5), or as a fraction of full scale (1/510)
     #[arg(long, value_name = "E", value_parser = target, allow_hyphen_values = true, conflicts_with = "samples", help_heading = "Accuracy")]
     pub(crate) max_error: Option<f64>,
     /// The best picture in this time, from start to written file: 90s, 1.5m, 2h, 500ms; with --max-error, no better than that
     #[arg(long, value_name = "D", value_parser = duration, allow_hyphen_values = true, conflicts_with = "samples", help_heading = "Accuracy")]
     pub(crate) time_limit: Option<Duration>,
-    /// As many points in every pixel: a square number, 1, 4, 9, 16, … 4096
+    /// So many points in every pixel: a square number, 1, 4, 9, 16, … 4096
     #[arg(long, value_name = "N", allow_hyphen_values = true, help_heading = "Accuracy")]
     pub(crate) samples: Option<u64>,
+    /// Where the points of --samples are: in a grid, or scattered evenly and otherwise in every pixel; those may be any number up to 4096
+    #[arg(long, value_name = "KIND", default_value = "grid", requires = "samples", help_heading = "Accuracy")]
+    pub(crate) pattern: PatternArg,
 
     /// Workers started inside this process [default: 2; with --listen, 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256), allow_hyphen_values = true, help_heading = "Farm")]
@@ -256,9 +259,10 @@ impl From<TransferArg> for Transfer {
 pub(crate) enum QualityArg {
     /// To see what is where
     Draft,
-    /// To judge it: errors of about an 8-bit step along edges
-    Preview,
-    /// To use it: 99.9 % of pixels within one 8-bit step
+    /// To use it
+    #[value(alias = "preview")]
+    Normal,
+    /// To print it
     Final,
     /// To hold others against it
     Reference,
@@ -268,11 +272,20 @@ impl From<QualityArg> for Quality {
     fn from(arg: QualityArg) -> Self {
         match arg {
             QualityArg::Draft => Self::Draft,
-            QualityArg::Preview => Self::Preview,
+            QualityArg::Normal => Self::Normal,
             QualityArg::Final => Self::Final,
             QualityArg::Reference => Self::Reference,
         }
     }
+}
+
+/// Where points of a pixel are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PatternArg {
+    /// The centres of a grid
+    Grid,
+    /// Scrambled low-discrepancy points, others in every pixel
+    Scrambled,
 }
 
 /// Ways to show progress.

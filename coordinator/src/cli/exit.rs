@@ -15,8 +15,8 @@ pub(crate) enum Exit {
     Scene = 3,
     /// No worker came, or all were lost for good.
     NoWorkers = 4,
-    /// Time was up before the accuracy asked for was reached; the picture is written.
-    TimeUp = 5,
+    /// The accuracy asked for was not reached, for want of time or otherwise; the picture is written.
+    TargetMissed = 5,
     /// Stopped by a signal.
     Interrupted = 130,
 }

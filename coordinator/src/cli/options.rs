@@ -9,7 +9,7 @@ use tessera_core::film::Region;
 use tessera_core::film::file::{Depth, Output};
 use tessera_core::settings::{Quality, Sampling, Settings, View};
 
-use super::args::{ProgressArg, Render, TileArg};
+use super::args::{PatternArg, ProgressArg, Render, TileArg};
 use super::exit::{Exit, Failure};
 
 /// The port where a listener gives none.
@@ -42,7 +42,7 @@ pub(crate) struct Options {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Accuracy {
     /// So many points in every pixel.
-    Samples(u64),
+    Samples,
     Quality(Quality),
     /// A fraction of full scale.
     Error(f64),
@@ -60,6 +60,18 @@ pub(crate) enum ReportTo {
     File(PathBuf),
 }
 
+impl Accuracy {
+    /// The root mean squared error asked for, as a fraction of full scale.
+    pub(crate) fn target(self) -> Option<f64> {
+        match self {
+            Self::Samples => None,
+            Self::Quality(quality) => Some(quality.rmse()),
+            Self::Error(error) => Some(error),
+            Self::Time { error, .. } => error,
+        }
+    }
+}
+
 impl Options {
     /// Checks everything that can be wrong before the scene is read: numbers against each
     /// other, the picture's place, the report's place.
@@ -69,14 +81,14 @@ impl Options {
         let quality = raw.quality.map(Quality::from);
         let accuracy = match (quality, raw.max_error, raw.time_limit) {
             (Some(quality), ..) => Accuracy::Quality(quality),
-            (None, None, None) => raw.samples.map_or(Accuracy::Quality(Quality::default()), Accuracy::Samples),
+            (None, None, None) => raw.samples.map_or(Accuracy::Quality(Quality::default()), |_| Accuracy::Samples),
             (None, Some(steps), None) => Accuracy::Error(steps / 255.0),
             (None, steps, Some(limit)) => Accuracy::Time { limit, error: steps.map(|s| s / 255.0) },
         };
-        let sampling = match accuracy {
-            Accuracy::Samples(samples) => Sampling::uniform(samples).map_err(Failure::usage)?,
-            Accuracy::Quality(quality) => quality.sampling(),
-            Accuracy::Error(_) | Accuracy::Time { .. } => Sampling::TOWARDS_A_TARGET,
+        let sampling = match (raw.samples, raw.pattern) {
+            (None, _) => Sampling::Adaptive,
+            (Some(samples), PatternArg::Grid) => Sampling::uniform(samples).map_err(Failure::usage)?,
+            (Some(samples), PatternArg::Scrambled) => Sampling::scrambled(samples).map_err(Failure::usage)?,
         };
         let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
         let whole = Region { x0: 0, y0: 0, x1: width, y1: height };

@@ -12,6 +12,9 @@ use tokio::time::{Instant, MissedTickBehavior, interval_at};
 use super::args::ProgressArg;
 use super::console::Console;
 
+/// Steps of a bar.
+const STEPS: u64 = 1000;
+
 /// What `--progress` comes to here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Style {
@@ -49,7 +52,7 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
     if style == Style::None {
         return;
     }
-    let bar = (style == Style::Bar).then(|| Bar::new(&console, 1));
+    let bar = (style == Style::Bar).then(|| Bar::new(&console, STEPS));
     let mut ticks = interval_at(Instant::now() + style.period(), style.period());
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -68,11 +71,10 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
         let now = watched.borrow().clone();
         match (&bar, style) {
             (Some(bar), _) => {
-                bar.0.set_length(now.pixels_total.max(1));
-                bar.set(now.pixels_done, details(&now));
+                bar.set((STEPS as f64 * now.share) as u64, details(&now));
             }
             (None, Style::Json) => console.say(&json(&now)),
-            (None, _) => console.say(&format!("{:3.0} %  {}", 100.0 * share(&now), details(&now))),
+            (None, _) => console.say(&format!("{:3.0} %  {}", 100.0 * now.share, details(&now))),
         }
     }
 }
@@ -104,10 +106,6 @@ impl Drop for Bar {
     }
 }
 
-fn share(p: &Progress) -> f64 {
-    if p.pixels_total == 0 { 0.0 } else { p.pixels_done as f64 / p.pixels_total as f64 }
-}
-
 fn connected(p: &Progress) -> usize {
     p.workers.iter().filter(|w| w.connected).count()
 }
@@ -117,23 +115,21 @@ fn mega_rays_per_second(p: &Progress) -> f64 {
     if seconds > 0.0 { rays as f64 / seconds / 1e6 } else { 0.0 }
 }
 
-/// Time to go at the pace so far; `None` until there is one.
-fn remaining(p: &Progress) -> Option<Duration> {
-    // What an earlier run did took no time of this one.
-    let of_this_run = |pixels: u64| pixels.saturating_sub(p.earlier.pixels_of_pass) as f64;
-    let share = of_this_run(p.pixels_done) / of_this_run(p.pixels_total).max(1.0);
-    (share > 0.0).then(|| Duration::try_from_secs_f64(p.elapsed.as_secs_f64() * (1.0 - share) / share).ok()).flatten()
-}
-
-/// `12/48 tiles  21.3 Mrays/s  2 workers  5 s to go`.
+/// `pass 3: 12/48 tiles  21.3 Mrays/s  2 workers  5 s to go`.
 fn details(p: &Progress) -> String {
     let workers = match connected(p) {
         0 => "waiting for workers".into(),
         1 => "1 worker".into(),
         n => format!("{n} workers"),
     };
-    let to_go = remaining(p).map_or_else(String::new, |d| format!("  {} to go", duration(d)));
-    format!("{}/{} tiles  {:.1} Mrays/s  {workers}{to_go}", p.tiles_done, p.tiles_total, mega_rays_per_second(p))
+    let to_go = p.remaining.map_or_else(String::new, |d| format!("  {} to go", duration(d)));
+    let pass = match (p.pass, p.is_look) {
+        (pass, true) => format!("look {pass}: "),
+        (0 | 1, false) => String::new(),
+        (pass, false) => format!("pass {pass}: "),
+    };
+    let (done, total) = (p.tiles_done, p.tiles_total);
+    format!("{pass}{done}/{total} tiles  {:.1} Mrays/s  {workers}{to_go}", mega_rays_per_second(p))
 }
 
 /// A duration as a person says it.
@@ -151,7 +147,9 @@ pub(crate) fn duration(d: Duration) -> String {
 fn json(p: &Progress) -> String {
     serde_json::json!({
         "event": "progress",
-        "share": share(p),
+        "share": p.share,
+        "pass": p.pass,
+        "look": p.is_look,
         "tiles_done": p.tiles_done,
         "tiles_total": p.tiles_total,
         "pixels_done": p.pixels_done,
@@ -160,7 +158,7 @@ fn json(p: &Progress) -> String {
         "mrays_per_second": mega_rays_per_second(p),
         "workers": connected(p),
         "elapsed_seconds": p.elapsed.as_secs_f64(),
-        "remaining_seconds": remaining(p).map(|d| d.as_secs_f64()),
+        "remaining_seconds": p.remaining.map(|d| d.as_secs_f64()),
     })
     .to_string()
 }
@@ -197,6 +195,10 @@ mod tests {
 
     fn half_way() -> Progress {
         Progress {
+            pass: 1,
+            is_look: false,
+            share: 0.25,
+            remaining: Some(Duration::from_secs(12)),
             tiles_done: 3,
             tiles_total: 9,
             pixels_done: 25,
@@ -214,6 +216,8 @@ mod tests {
     #[test]
     fn a_line_says_tiles_speed_workers_and_time_to_go() {
         assert_eq!(details(&half_way()), "3/9 tiles  5.0 Mrays/s  1 worker  12 s to go");
+        let passes = |is_look| details(&Progress { pass: 2, is_look, ..half_way() });
+        assert!(passes(true).starts_with("look 2: 3/9 tiles") && passes(false).starts_with("pass 2: 3/9 tiles"));
         assert_eq!(details(&Progress::default()), "0/0 tiles  0.0 Mrays/s  waiting for workers");
     }
 

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use coordinator::journal::Journal;
 use coordinator::{Farm, Goal, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use tessera_core::film::ErrorEstimate;
 use tessera_core::film::file::Output;
+use tessera_core::settings::{Detail, Quality};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -58,7 +60,7 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
                 _ => console.say(&summary),
             }
             match missed(&options, &rendered) {
-                Some(why) => Err(Failure::new(Exit::TimeUp, why)),
+                Some(why) => Err(Failure::new(Exit::TargetMissed, why)),
                 None => Ok(Exit::Done),
             }
         }
@@ -185,7 +187,8 @@ async fn render(
 /// The farm's goal. Writing the picture takes its share of a time limit.
 fn goal(options: &Options) -> Goal {
     match options.accuracy {
-        Accuracy::Samples(_) | Accuracy::Quality(_) => Goal::AsSet,
+        Accuracy::Samples => Goal::AsSet,
+        Accuracy::Quality(quality) => Goal::Error(quality.rmse()),
         Accuracy::Error(error) => Goal::Error(error),
         Accuracy::Time { limit, error } => {
             let writing = Duration::from_millis(20) + Duration::from_nanos(80 * options.region.area());
@@ -194,17 +197,18 @@ fn goal(options: &Options) -> Goal {
     }
 }
 
-/// What time did not suffice for.
+/// Why the accuracy asked for was not reached.
 fn missed(options: &Options, rendered: &Rendered) -> Option<String> {
-    let Accuracy::Time { limit, error } = options.accuracy else { return None };
-    let limit = progress::duration(limit);
-    if !rendered.is_complete() {
-        return Some(format!("time was up after {limit} before the picture was whole: what is missing is black"));
+    let wanted = steps(options.accuracy.target()?);
+    if rendered.target_met != Some(false) {
+        return None;
     }
-    let (wanted, got) = (error?, rendered.error?.rmse());
-    (got > wanted).then(|| {
-        let (wanted, got) = (255.0 * wanted, 255.0 * got);
-        format!("time was up after {limit}: the error is about {got:.2} 8-bit steps, not {wanted:.2}")
+    let got = rendered.error.map_or_else(|| "not known".into(), |e| told(&e));
+    Some(match options.accuracy {
+        Accuracy::Time { limit, .. } if rendered.timed_out => {
+            format!("time was up after {}: the error is {got}, not surely below {wanted}", progress::duration(limit))
+        }
+        _ => format!("the error asked for was not reached: it is {got}, not surely below {wanted}"),
     })
 }
 
@@ -258,18 +262,52 @@ fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
         let done: u64 = rendered.done.iter().map(|r| r.area()).sum();
         format!(", {:.0} % of it", 100.0 * done as f64 / rendered.region.area() as f64)
     };
-    let error = rendered.error.map_or_else(String::new, |e| {
-        let (rmse, worst) = (255.0 * e.rmse(), 255.0 * e.worst_pixel());
-        format!(", error about {rmse:.2} 8-bit steps (RMSE), {worst:.1} in the worst pixel")
-    });
+    let coarse = match rendered.pass.map(|p| p.detail) {
+        Some(Detail::Coarse { step }) => format!(", coarse: a point in {step}x{step} pixels where time was up"),
+        _ => String::new(),
+    };
+    let error = rendered.error.map_or_else(String::new, |e| format!("\nerror (RMSE): {}{}", told(&e), ahead(rendered)));
     format!(
-        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s{error}",
+        "{}: {}x{} pixels{part} in {}, {:.1} Mrays, {speed:.1} Mrays/s{coarse}{error}",
         output.path().display(),
         rendered.region.width(),
         rendered.region.height(),
         progress::duration(began.elapsed()),
         rays as f64 / 1e6,
     )
+}
+
+/// An error in 8-bit steps, with two digits or so.
+fn steps(fraction: f64) -> String {
+    let steps = 255.0 * fraction;
+    match steps {
+        s if !s.is_finite() => "not known".into(),
+        s if s >= 9.95 => format!("{s:.0}"),
+        s if s >= 0.995 => format!("{s:.1}"),
+        s if s >= 0.0995 => format!("{s:.2}"),
+        s if s >= 0.00095 || s == 0.0 => format!("{s:.3}"),
+        s => format!("{s:.1e}"),
+    }
+}
+
+/// An error and how sure it is.
+fn told(error: &ErrorEstimate) -> String {
+    let (low, high) = error.interval();
+    if error.audited == 0 {
+        return "not known".into();
+    }
+    format!("{} 8-bit steps, 95 % sure to lie in {} to {}", steps(error.rmse()), steps(low), steps(high))
+}
+
+/// What the next quality would take.
+fn ahead(rendered: &Rendered) -> String {
+    let Some((forecast, error)) = rendered.forecast.zip(rendered.error) else { return String::new() };
+    let better = Quality::ALL.into_iter().find(|q| q.rmse() < 0.9 * error.rmse());
+    let seconds = better.and_then(|q| Some((q, forecast.seconds(q.rmse())?)));
+    seconds.map_or_else(String::new, |(quality, seconds)| {
+        let time = Duration::try_from_secs_f64(seconds).map_or_else(|_| "years".into(), progress::duration);
+        format!("; --quality {} ({}) would take about {time}", quality.name(), steps(quality.rmse()))
+    })
 }
 
 /// How `error` ends the program.

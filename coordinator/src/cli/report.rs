@@ -5,7 +5,7 @@ use std::time::Duration;
 use coordinator::{Rendered, TileSize, WorkerStats};
 use serde::Serialize;
 use tessera_core::film::Region;
-use tessera_core::settings::{Sampling, Transfer};
+use tessera_core::settings::{Detail, Sampling, Transfer};
 use tessera_core::trace::RayCounts;
 use tessera_proto::limits::{BUILD, NUMERIC_MODE};
 
@@ -75,65 +75,68 @@ struct Earlier {
 struct Accuracy {
     method: &'static str,
     samples_per_pixel: Option<u32>,
+    pattern: Option<&'static str>,
     quality: Option<&'static str>,
     target: Option<f64>,
     time_limit: Option<f64>,
     timed_out: bool,
     target_met: Option<bool>,
-    /// What one part of a pixel's error may be.
+    /// What a typical edge pixel's error may be, in the last pass over all pixels.
     tolerance: Option<f64>,
+    /// One point in squares of so many pixels, where that pass was no closer.
+    coarse_step: Option<u32>,
     passes: u32,
     estimated_rmse: Option<f64>,
     estimated_rmse_8bit_steps: Option<f64>,
-    estimated_worst_pixel: Option<f64>,
-    /// Sum of the pixels' expected squared errors.
-    estimated_squares: Option<f64>,
-    parts: Option<Parts>,
+    /// The 95 % interval of that.
+    interval: Option<[f64; 2]>,
+    interval_8bit_steps: Option<[f64; 2]>,
+    /// What the sampler believed.
+    expected_rmse: Option<f64>,
+    audited_pixels: Option<u64>,
     max_depth: u32,
-}
-
-/// The part that each approximation has in the error, as root mean squares.
-#[derive(Debug, Serialize)]
-struct Parts {
-    /// Of where samples are.
-    samples_rmse: f64,
-    /// Of paths not followed because they carry too little.
-    weight_rmse: f64,
-    /// Not in the estimate: a bound on what lies deeper than the greatest depth.
-    depth_bound: f64,
 }
 
 impl Accuracy {
     fn new(options: &Options, rendered: &Rendered) -> Self {
-        let (error, rmse) = (rendered.error, rendered.error.map(|e| e.rmse()));
-        let (quality, target, time_limit) = match options.accuracy {
-            Wanted::Samples(_) => (None, None, None),
-            Wanted::Quality(q) => (Some(q.name()), None, None),
-            Wanted::Error(e) => (None, Some(e), None),
-            Wanted::Time { limit, error } => (None, error, Some(limit.as_secs_f64())),
+        let error = rendered.error.filter(|e| e.audited > 0);
+        let (rmse, interval) = (error.map(|e| e.rmse()), error.map(|e| e.interval()).map(<[f64; 2]>::from));
+        let detail = rendered.pass.map(|p| p.detail);
+        let (samples_per_pixel, pattern) = match options.settings.sampling {
+            Sampling::Uniform { grid } => (Some(grid * grid), Some("grid")),
+            Sampling::Scrambled { samples } => (Some(samples), Some("scrambled")),
+            Sampling::Adaptive => (None, None),
         };
         Self {
-            method: if rendered.tolerance.is_some() { "adaptive" } else { "uniform" },
-            samples_per_pixel: match options.settings.sampling {
-                Sampling::Uniform { grid } => Some(grid * grid),
-                Sampling::Adaptive { .. } => None,
+            method: if samples_per_pixel.is_some() { "uniform" } else { "adaptive" },
+            samples_per_pixel,
+            pattern,
+            quality: match options.accuracy {
+                Wanted::Quality(q) => Some(q.name()),
+                _ => None,
             },
-            quality,
-            target,
-            time_limit,
+            target: options.accuracy.target(),
+            time_limit: match options.accuracy {
+                Wanted::Time { limit, .. } => Some(limit.as_secs_f64()),
+                _ => None,
+            },
             timed_out: rendered.timed_out,
-            target_met: target.zip(rmse).map(|(target, rmse)| rmse <= target),
-            tolerance: rendered.tolerance.map(|t| t.fraction()),
+            target_met: rendered.target_met,
+            tolerance: match detail {
+                Some(Detail::Within(tolerance)) => Some(tolerance.fraction()),
+                _ => None,
+            },
+            coarse_step: match detail {
+                Some(Detail::Coarse { step }) => Some(step),
+                _ => None,
+            },
             passes: rendered.passes,
             estimated_rmse: rmse,
             estimated_rmse_8bit_steps: rmse.map(|e| 255.0 * e),
-            estimated_worst_pixel: error.map(|e| e.worst_pixel()),
-            parts: error.map(|e| Parts {
-                samples_rmse: e.samples_rmse(),
-                weight_rmse: e.weight_rmse(),
-                depth_bound: e.depth_bound(),
-            }),
-            estimated_squares: error.map(|e| e.rmse() * e.rmse() * e.pixels as f64),
+            interval,
+            interval_8bit_steps: interval.map(|ends| ends.map(|e| 255.0 * e)),
+            expected_rmse: error.map(|e| e.expected_rmse()),
+            audited_pixels: rendered.error.map(|e| e.audited),
             max_depth: options.settings.max_depth,
         }
     }
@@ -257,7 +260,8 @@ impl<'a> Report<'a> {
                 max_depth: options.settings.max_depth,
                 samples: match options.settings.sampling {
                     Sampling::Uniform { grid } => Some(grid * grid),
-                    Sampling::Adaptive { .. } => None,
+                    Sampling::Scrambled { samples } => Some(samples),
+                    Sampling::Adaptive => None,
                 },
                 transfer: transfer_name(options.settings.transfer),
                 bits: options.output.depth().map(|d| d.bits()),

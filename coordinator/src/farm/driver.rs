@@ -15,6 +15,7 @@ use tokio::time::{Instant, sleep_until, timeout_at};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
+use super::pace::Pace;
 use super::passes::{Passes, Turn};
 use super::service::{Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
@@ -48,6 +49,7 @@ pub(super) struct Driver {
     progress: watch::Sender<Progress>,
     start: Instant,
     passes: Passes,
+    pace: Pace,
     timing: Timing,
     /// Whether the scheduler has begun a pass.
     leasing: bool,
@@ -73,6 +75,7 @@ impl Driver {
     ) -> Self {
         Self {
             scheduler,
+            pace: Pace::new(passes.limit()),
             passes,
             door,
             pixels,
@@ -105,7 +108,8 @@ impl Driver {
             end = tokio::select! {
                 biased;
                 () = cancel.cancelled() => break Err(RenderError::Cancelled),
-                () = sleep_until(deadline) => {
+                // A picture that is whole comes first, however short the time.
+                () = sleep_until(deadline), if self.passes.is_whole() => {
                     self.passes.timed_out = true;
                     break Ok(());
                 }
@@ -117,28 +121,34 @@ impl Driver {
             };
         };
         let ended = Instant::now();
+        if end.is_ok() {
+            self.progress.send_modify(|p| (p.share, p.remaining) = (1.0, Some(Duration::ZERO)));
+        }
         self.dismiss().await;
         (end, ended, self.passes)
     }
 
     /// Begins what comes next, or ends the render where nothing does.
     async fn begin(&mut self, turn: Turn) -> Option<Result<(), RenderError>> {
+        let (pass, is_look) = self.passes.at_hand();
         self.progress.send_modify(|p| {
             (p.tiles_done, p.pixels_done, p.pixels_total) = (turn.tiles_done, turn.pixels_done, turn.pixels);
             p.rays += turn.rays;
             p.earlier.rays += turn.rays;
             p.earlier.tiles += turn.tiles;
             p.earlier.pixels_of_pass = turn.pixels_done;
+            (p.pass, p.is_look) = (pass, is_look);
         });
         self.tiles_of_pass = turn.tiles_done;
         if !turn.again.is_empty() && self.tiles.send(Stitch::Again(turn.again)).await.is_err() {
             return Some(Err(RenderError::Internal("the stitcher stopped".into())));
         }
         let Some(step) = turn.step else { return Some(Ok(())) };
+        self.pace.begin(self.start.elapsed(), turn.work, step.kept, self.passes.expected());
         if std::mem::replace(&mut self.leasing, true) {
-            self.scheduler.begin(step.tolerance, step.regions, step.dearer);
+            self.scheduler.begin(step.pass, step.regions, step.dearer);
         } else {
-            self.scheduler.begin_first(step.tolerance, step.regions);
+            self.scheduler.begin_first(step.pass, step.regions);
         }
         None
     }
@@ -210,6 +220,11 @@ impl Driver {
 
     async fn tell_once(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
         let mut effects = Vec::new();
+        if matches!(event, Event::Tick) {
+            let elapsed = self.start.elapsed();
+            let (share, remaining) = self.pace.tell(elapsed);
+            self.progress.send_modify(|p| (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining));
+        }
         let teller = event.worker();
         self.scheduler.handle(event, self.start.elapsed(), &mut effects);
         let mut end = None;
@@ -390,16 +405,18 @@ impl Driver {
         });
     }
 
-    fn count(&self, worker: WorkerKey, region: Region, done: &TileDone) {
+    fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
         let (tiles_total, earlier, elapsed) =
             (self.scheduler.tiles_estimate(), self.tiles_of_pass, self.start.elapsed());
+        self.pace.add(self.passes.work(&region));
+        let (share, remaining) = self.pace.tell(elapsed);
         let place = self.seats.get(&worker).map(|s| s.place);
         self.progress.send_modify(|p| {
             p.tiles_done += 1;
             p.tiles_total = (tiles_total + earlier).max(p.tiles_done);
             p.pixels_done += region.area();
             p.rays += done.rays;
-            p.elapsed = elapsed;
+            (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining);
             if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
                 w.tiles += 1;
                 w.pixels += region.area();

@@ -2,6 +2,7 @@
 
 mod driver;
 mod incoming;
+mod pace;
 mod passes;
 mod service;
 mod stitch;
@@ -153,8 +154,9 @@ impl Farm {
         }
         let samples = match job.settings.sampling {
             Sampling::Uniform { grid } => grid * grid,
-            // Corners, and as much again along edges.
-            Sampling::Adaptive { .. } => 2,
+            Sampling::Scrambled { samples } => samples,
+            // What every pixel begins with, and what a few get beyond.
+            Sampling::Adaptive => 6,
         };
         let scheduler = Scheduler::new(scheduler::Config {
             region: job.region,
@@ -171,7 +173,7 @@ impl Farm {
         let (left, reader) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader)));
         let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
         let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader).map_err(|e| internal(&e))?;
-        let plan = Plan::new(job.goal, job.region);
+        let plan = Plan::new(job.goal, whole, job.region);
         let passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
         let driver =
             Driver::new(scheduler, (door, job.pixels), heard, tiles, progress.clone(), passes, (start, job.timing));
@@ -192,10 +194,9 @@ impl Farm {
             tiles,
             trace,
             error: (error.pixels > 0).then_some(error),
-            tolerance: passes.tolerance.or(match job.settings.sampling {
-                Sampling::Adaptive { tolerance, .. } => Some(tolerance),
-                Sampling::Uniform { .. } => None,
-            }),
+            target_met: passes.is_met(&error),
+            pass: passes.pass,
+            forecast: passes.forecast(),
             passes: passes.begun,
             timed_out: passes.timed_out,
         };

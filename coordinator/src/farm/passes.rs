@@ -3,16 +3,16 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::Tolerance;
+use tessera_core::film::{ErrorEstimate, Region, Sum};
+use tessera_core::settings::{Detail, Pass};
 use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{Lease, TileDone};
-use tessera_proto::{Attempt, LeaseId, Pass};
+use tessera_proto::{Attempt, LeaseId, PassNumber};
 use tokio::time::Instant;
 
 use crate::job::TileSize;
 use crate::journal::{Kept, KeptPass, Place, Sink, rest};
-use crate::plan::{Outcome, Plan, Step};
+use crate::plan::{Forecast, Outcome, Plan, Step};
 
 /// Regions that a pass may be cut into where a part of it is done already.
 const CUTS: u64 = 1 << 20;
@@ -40,6 +40,8 @@ pub(super) struct Turn {
     pub(super) tiles_done: u64,
     pub(super) pixels_done: u64,
     pub(super) pixels: u64,
+    /// What is to be rendered, in the plan's measure.
+    pub(super) work: f64,
 }
 
 /// How long a picture has been rendered for, earlier runs counted in.
@@ -68,14 +70,14 @@ pub(super) struct Passes {
     at_hand: Outcome,
     began: Duration,
     kept: bool,
-    within: Option<Tolerance>,
+    detail: Option<Pass>,
     /// Of the last whole picture.
     picture: Outcome,
     whole: u32,
     /// Passes begun.
     pub(super) begun: u32,
-    /// Of the last pass for the picture.
-    pub(super) tolerance: Option<Tolerance>,
+    /// How closely the last whole picture was looked at; before there is one, the picture at hand.
+    pub(super) pass: Option<Pass>,
     /// Whether time was up before the plan was done.
     pub(super) timed_out: bool,
 }
@@ -100,11 +102,11 @@ impl Passes {
             at_hand: Outcome::default(),
             began: Duration::ZERO,
             kept: false,
-            within: None,
+            detail: None,
             picture: Outcome::default(),
             whole: 0,
             begun: 0,
-            tolerance: None,
+            pass: None,
             timed_out: false,
         }
     }
@@ -133,6 +135,10 @@ impl Passes {
         while let Some(mut step) = next {
             let ended = self.begin(&mut step, &mut turn);
             if !step.regions.is_empty() || turn.pixels_done == 0 {
+                turn.work = match &step.regions[..] {
+                    [] => self.plan.work(&self.region),
+                    regions => regions.iter().map(|r| self.plan.work(r)).sum(),
+                };
                 turn.step = Some(step);
                 break;
             }
@@ -148,14 +154,14 @@ impl Passes {
         self.begun += 1;
         self.kept = step.kept;
         self.began = self.clock.now();
-        self.within = step.tolerance;
+        self.detail = step.pass;
         self.at_hand = Outcome::default();
-        if step.kept {
-            self.tolerance = step.tolerance;
+        if self.whole == 0 && step.kept {
+            self.pass = step.pass;
         }
         turn.pixels = step.regions.iter().map(Region::area).sum();
         if step.regions.is_empty() {
-            turn.pixels = self.plan.area();
+            turn.pixels = self.region.area();
         }
         (turn.tiles_done, turn.pixels_done) = (0, 0);
         let KeptPass { mut tiles, ended } = self.left.remove(&number)?;
@@ -200,8 +206,8 @@ impl Passes {
 
     /// How `region` is rendered in the pass at hand.
     fn lease(&self, region: Region) -> Lease {
-        let pass = Pass(self.begun.saturating_sub(1));
-        Lease { id: LeaseId(0), attempt: Attempt(0), region, pass, tolerance: self.within }
+        let number = PassNumber(self.begun.saturating_sub(1));
+        Lease { id: LeaseId(0), attempt: Attempt(0), region, number, pass: self.detail }
     }
 
     fn account(&mut self, region: Region, error: ErrorEstimate) {
@@ -232,7 +238,11 @@ impl Passes {
             pass = self.begun,
             kept = self.kept,
             pixels = outcome.error.pixels,
+            detail = ?self.detail.map(|p| p.detail),
+            audited = outcome.error.audited,
             steps = 255.0 * outcome.error.rmse(),
+            up_to = 255.0 * outcome.error.interval().1,
+            expected = 255.0 * outcome.error.expected_rmse(),
             seconds = outcome.took.as_secs_f64(),
             "pass done"
         );
@@ -240,7 +250,9 @@ impl Passes {
         if self.kept {
             self.whole += 1;
             self.picture = outcome;
+            self.pass = self.detail;
         }
+        self.timed_out = self.plan.limit().is_some_and(|limit| limit <= now);
         if known.is_none()
             && let Some(sink) = &mut self.sink
         {
@@ -260,17 +272,58 @@ impl Passes {
             let covered: u64 = new.tiles.iter().map(|(r, _)| common(r, region)).sum();
             let left = region.area() - covered.min(region.area());
             if left > 0 {
-                let share = |squares: u64| (u128::from(squares) * u128::from(left) / u128::from(region.area())) as u64;
+                let part = left as f64 / region.area() as f64;
+                let share = |sum: Sum| Sum::new(part * sum.value());
                 sum += ErrorEstimate {
                     pixels: left,
+                    expected: share(error.expected),
+                    audited: (part * error.audited as f64).round() as u64,
                     squares: share(error.squares),
-                    weight_squares: share(error.weight_squares),
-                    depth_squares: share(error.depth_squares),
-                    worst: error.worst,
+                    variance: share(error.variance),
                 };
             }
         }
         sum
+    }
+
+    /// What other errors would take, where the last whole picture tells.
+    pub(super) fn forecast(&self) -> Option<Forecast> {
+        match self.pass?.detail {
+            Detail::Within(tolerance) if self.whole > 0 => {
+                Some(Forecast::new(&self.picture.error, tolerance, self.picture.took))
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether there is a whole picture.
+    pub(super) fn is_whole(&self) -> bool {
+        self.whole > 0
+    }
+
+    /// The number of the pass at hand, from 1, and whether it only looks.
+    pub(super) fn at_hand(&self) -> (u32, bool) {
+        (self.begun, !self.kept)
+    }
+
+    /// As the plan has it.
+    pub(super) fn limit(&self) -> Option<Duration> {
+        self.plan.limit()
+    }
+
+    /// As the plan has it.
+    pub(super) fn expected(&self) -> Option<Duration> {
+        self.plan.expected()
+    }
+
+    /// As the plan has it.
+    pub(super) fn work(&self, region: &Region) -> f64 {
+        self.plan.work(region)
+    }
+
+    /// As the plan has it.
+    pub(super) fn is_met(&self, error: &ErrorEstimate) -> Option<bool> {
+        self.plan.is_met(error)
     }
 }
 
@@ -290,19 +343,26 @@ mod tests {
     const WHOLE: Region = Region { x0: 3, y0: 4, x1: 203, y1: 154 };
 
     /// A pixel's expected squared error: more in some parts of the picture, and the less the finer the tolerance.
-    fn error(region: &Region, tolerance: Option<Tolerance>) -> ErrorEstimate {
-        let fine = tolerance.map_or(1.0, Tolerance::fraction);
-        let square = |x: u32, y: u32| (f64::from((x / 16 * 7 + y / 16 * 13) % 11) * fine * fine * 1e8) as u64;
+    fn error(region: &Region, pass: Option<Pass>) -> ErrorEstimate {
+        let fine = match pass.map(|p| p.detail) {
+            Some(Detail::Within(tolerance)) => tolerance.fraction(),
+            _ => 1.0,
+        };
+        let square = |x: u32, y: u32| f64::from((x / 16 * 7 + y / 16 * 13) % 11) * fine * fine;
         let rows = (region.y0..region.y1).flat_map(|y| (region.x0..region.x1).map(move |x| (x, y)));
-        let squares = rows.map(|(x, y)| square(x, y)).sum();
-        ErrorEstimate { pixels: region.area(), squares, ..ErrorEstimate::default() }
+        let mut error = ErrorEstimate::default();
+        for (x, y) in rows {
+            error.add(square(x, y));
+            error.audit(square(x, y), 0.0, 1.0);
+        }
+        error
     }
 
     /// What a render was, to be compared.
     #[derive(Debug, PartialEq)]
     struct End {
         passes: u32,
-        tolerance: Option<Tolerance>,
+        pass: Option<Pass>,
         error: ErrorEstimate,
     }
 
@@ -315,7 +375,7 @@ mod tests {
         }
         let clock = Clock { start: Instant::now(), before: Duration::ZERO };
         let tile = TileSize::Edge(edge);
-        let mut passes = Passes::new(Plan::new(goal, WHOLE), (WHOLE, tile), clock, by_pass, None);
+        let mut passes = Passes::new(Plan::new(goal, WHOLE, WHOLE), (WHOLE, tile), clock, by_pass, None);
         let (mut all, mut rendered) = (left.to_vec(), 0);
         let mut turn = passes.first();
         while let Some(step) = turn.step {
@@ -324,7 +384,7 @@ mod tests {
                 if all.len() - left.len() == most {
                     return (all, rendered, None);
                 }
-                let (lease, error) = (passes.lease(region), error(&region, step.tolerance));
+                let (lease, error) = (passes.lease(region), error(&region, step.pass));
                 let done = TileDone {
                     lease: lease.id,
                     attempt: lease.attempt,
@@ -341,7 +401,7 @@ mod tests {
             }
             turn = passes.passed();
         }
-        let end = End { passes: passes.begun, tolerance: passes.tolerance, error: passes.error() };
+        let end = End { passes: passes.begun, pass: passes.pass, error: passes.error() };
         (all, rendered, Some(end))
     }
 
@@ -375,7 +435,7 @@ mod tests {
         let goal = Goal::AsSet;
         let (all, ..) = run(goal, &[], 50, 3);
         let mut other = all.clone();
-        other.iter_mut().for_each(|(_, kept)| kept.lease.tolerance = Some(Tolerance::MIN));
+        other.iter_mut().for_each(|(_, kept)| kept.lease.number = PassNumber(7));
         assert_eq!(run(goal, &other, 50, usize::MAX).1, WHOLE.area());
         let twice = [&all[..], &all[..1]].concat();
         assert_eq!(run(goal, &twice, 50, usize::MAX).1, WHOLE.area());

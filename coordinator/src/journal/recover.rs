@@ -213,7 +213,7 @@ impl Reading {
             check_size(&done.pixels, format, &lease.region)?;
         }
         let kept = Kept { lease, error: done.error, rays: done.rays, place };
-        self.passes.entry(lease.pass.0).or_default().tiles.push(kept);
+        self.passes.entry(lease.number.0).or_default().tiles.push(kept);
         self.spent = self.spent.max(Duration::from_micros(tile.at_us));
         Ok(())
     }

@@ -8,11 +8,11 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::scene::{Picture, Pigment, Scene, SceneBuilder, Surface};
-use tessera_core::settings::{Sampling, Settings, Tolerance, Transfer, View};
+use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, Transfer, View};
 use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{Lease, TileDone};
 use tessera_proto::journal::Record;
-use tessera_proto::{Attempt, LeaseId, Pass, PixelFormat};
+use tessera_proto::{Attempt, LeaseId, PassNumber, PixelFormat};
 
 use super::frame::{MAGIC, put};
 use super::*;
@@ -46,14 +46,15 @@ fn head() -> Head {
 /// The `n`-th tile of a pass, with pixels that tell it from all others.
 fn tile(n: u32, pass: u32) -> (Lease, TileDone) {
     let region = WHOLE.blocks(8)[n as usize];
-    let tolerance = (pass > 0).then(|| Tolerance::new(0.01));
-    let lease = Lease { id: LeaseId(0), attempt: Attempt(0), region, pass: Pass(pass), tolerance };
+    let audit = AuditRate(1 << 12);
+    let detail = (pass > 0).then(|| Pass { detail: Detail::Within(Tolerance::new(0.01)), audit });
+    let lease = Lease { id: LeaseId(0), attempt: Attempt(0), region, number: PassNumber(pass), pass: detail };
     let shade = |i: u64| (i as u8).wrapping_mul(31) ^ (40 * pass + n) as u8;
     let done = TileDone {
         lease: LeaseId(0),
         attempt: Attempt(0),
         pixels: (0..3 * region.area()).map(shade).collect::<Vec<u8>>().into(),
-        error: ErrorEstimate { pixels: region.area(), squares: u64::from(n) + 1, ..ErrorEstimate::default() },
+        error: ErrorEstimate { pixels: region.area(), audited: u64::from(n) + 1, ..ErrorEstimate::default() },
         rays: RayCounts { camera: region.area(), ..RayCounts::default() },
         busy: Duration::from_millis(3),
         idle: Duration::ZERO,
@@ -141,7 +142,7 @@ fn passes_are_kept_with_their_times_and_looks_without_pixels() {
     let (_, found) = Journal::open(&path, false).unwrap().start(head);
     let found = found.unwrap();
     assert_eq!(found.passes[&0].ended, Some((took, now)));
-    assert_eq!((found.passes[&0].tiles[0].error.squares, found.passes[&0].tiles.len()), (1, 1));
+    assert_eq!((found.passes[&0].tiles[0].error.audited, found.passes[&0].tiles.len()), (1, 1));
     assert!(pixels(&found.reader, found.passes[&0].tiles[0].place).unwrap().is_empty());
     assert_eq!(pixels(&found.reader, found.passes[&1].tiles[0].place).unwrap(), done.pixels);
     assert_eq!((found.passes[&1].tiles[0].lease, found.passes[&1].ended), (lease, None));

@@ -11,8 +11,10 @@ pub enum Method {
     MaxError,
     /// Adaptive sampling by name.
     Quality,
-    /// As many points in every pixel.
+    /// As many points in every pixel, in a grid.
     Samples,
+    /// As many scrambled points in every pixel.
+    Scrambled,
     /// Shorter paths, at the quality that is the default.
     MaxDepth,
     /// POV-Ray's anti-aliasing.
@@ -21,7 +23,8 @@ pub enum Method {
 
 impl Method {
     /// Every method, in the order of tables.
-    pub const ALL: [Self; 5] = [Self::MaxError, Self::Quality, Self::Samples, Self::MaxDepth, Self::PovRay];
+    pub const ALL: [Self; 6] =
+        [Self::MaxError, Self::Quality, Self::Samples, Self::Scrambled, Self::MaxDepth, Self::PovRay];
 
     /// What tables and files call it.
     #[must_use]
@@ -30,6 +33,7 @@ impl Method {
             Self::MaxError => "max-error",
             Self::Quality => "quality",
             Self::Samples => "samples",
+            Self::Scrambled => "scrambled",
             Self::MaxDepth => "max-depth",
             Self::PovRay => "pov-ray",
         }
@@ -45,6 +49,8 @@ pub enum Knob {
     Quality(Quality),
     /// A grid of so many points a side in every pixel.
     Samples(u32),
+    /// The square of so many scrambled points in every pixel.
+    Scrambled(u32),
     /// At most so many rays a path, at the default quality.
     MaxDepth(u32),
 }
@@ -57,6 +63,7 @@ impl Knob {
             Self::MaxError(_) => Method::MaxError,
             Self::Quality(_) => Method::Quality,
             Self::Samples(_) => Method::Samples,
+            Self::Scrambled(_) => Method::Scrambled,
             Self::MaxDepth(_) => Method::MaxDepth,
         }
     }
@@ -67,7 +74,7 @@ impl Knob {
         match self {
             Self::MaxError(steps) => format!("{steps}"),
             Self::Quality(quality) => quality.name().into(),
-            Self::Samples(grid) => (grid * grid).to_string(),
+            Self::Samples(grid) | Self::Scrambled(grid) => (grid * grid).to_string(),
             Self::MaxDepth(depth) => depth.to_string(),
         }
     }
@@ -75,20 +82,25 @@ impl Knob {
     /// The flags that `render` takes for it.
     #[must_use]
     pub fn flags(&self) -> Vec<String> {
-        vec![format!("--{}", self.method().name()), self.value()]
+        match self {
+            Self::Scrambled(_) => ["--samples", &self.value(), "--pattern", "scrambled"].map(str::to_owned).into(),
+            _ => vec![format!("--{}", self.method().name()), self.value()],
+        }
     }
 
     /// What a render under `base` becomes by it.
     #[must_use]
     pub fn apply(&self, base: &Settings) -> (Settings, Goal) {
         match *self {
-            Self::MaxError(steps) => {
-                (Settings { sampling: Sampling::TOWARDS_A_TARGET, ..*base }, Goal::Error(steps / 255.0))
-            }
-            Self::Quality(quality) => (Settings { sampling: quality.sampling(), ..*base }, Goal::AsSet),
+            Self::MaxError(steps) => (Settings { sampling: Sampling::Adaptive, ..*base }, Goal::Error(steps / 255.0)),
+            Self::Quality(quality) => (Settings { sampling: Sampling::Adaptive, ..*base }, Goal::Error(quality.rmse())),
             Self::Samples(grid) => (Settings { sampling: Sampling::Uniform { grid }, ..*base }, Goal::AsSet),
+            Self::Scrambled(grid) => {
+                (Settings { sampling: Sampling::Scrambled { samples: grid * grid }, ..*base }, Goal::AsSet)
+            }
             Self::MaxDepth(max_depth) => {
-                (Settings { max_depth, sampling: Quality::default().sampling(), ..*base }, Goal::AsSet)
+                let goal = Goal::Error(Quality::default().rmse());
+                (Settings { max_depth, sampling: Sampling::Adaptive, ..*base }, goal)
             }
         }
     }
@@ -108,14 +120,15 @@ mod tests {
         let told = |knob: Knob| knob.flags().join(" ");
         assert_eq!(told(Knob::Samples(3)), "--samples 9");
         assert_eq!(Knob::Samples(3).apply(&base).0.sampling, Sampling::Uniform { grid: 3 });
+        assert_eq!(told(Knob::Scrambled(3)), "--samples 9 --pattern scrambled");
+        assert_eq!(Knob::Scrambled(3).apply(&base).0.sampling, Sampling::Scrambled { samples: 9 });
         assert_eq!(told(Knob::MaxError(0.5)), "--max-error 0.5");
         let (settings, goal) = Knob::MaxError(0.5).apply(&base);
-        assert_eq!((settings.sampling, goal), (Sampling::TOWARDS_A_TARGET, Goal::Error(0.5 / 255.0)));
-        assert_eq!(told(Knob::Quality(Quality::Preview)), "--quality preview");
+        assert_eq!((settings.sampling, goal), (Sampling::Adaptive, Goal::Error(0.5 / 255.0)));
+        assert_eq!(told(Knob::Quality(Quality::Draft)), "--quality draft");
         assert_eq!(told(Knob::MaxDepth(2)), "--max-depth 2");
         let (settings, goal) = Knob::MaxDepth(2).apply(&base);
-        assert_eq!((settings.max_depth, goal), (2, Goal::AsSet));
         // Without a word about sampling, `render` takes the default quality.
-        assert_eq!(settings.sampling, Knob::Quality(Quality::default()).apply(&base).0.sampling);
+        assert_eq!((settings.max_depth, goal), (2, Knob::Quality(Quality::default()).apply(&base).1));
     }
 }

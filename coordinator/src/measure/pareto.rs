@@ -39,6 +39,7 @@ pub(super) mod tests {
             flags: vec![format!("--{}", method.name()), value.into()],
             trace: Duration::from_secs_f64(trace),
             whole: Duration::from_secs_f64(trace + 0.1),
+            spread: (Duration::from_secs_f64(0.9 * trace), Duration::from_secs_f64(1.1 * trace)),
             runs: 1,
             rays: None,
             metrics: Metrics {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use tessera_core::film::Metrics;
-use tessera_core::settings::Settings;
+use tessera_core::settings::{Quality, Settings};
 use tessera_core::trace::RayCounts;
 
 use super::knob::Method;
@@ -14,8 +14,8 @@ use super::reference::Reference;
 pub struct Predicted {
     /// Root mean squared, over the picture.
     pub rmse: f64,
-    /// Of the worst pixel.
-    pub worst: f64,
+    /// The upper end of its 95 % interval.
+    pub upper: f64,
 }
 
 /// Rays of a picture.
@@ -56,6 +56,8 @@ pub struct Point {
     pub trace: Duration,
     /// The whole job, reading and writing included: the median of all runs.
     pub whole: Duration,
+    /// The shortest and the longest of `trace`.
+    pub spread: (Duration, Duration),
     /// How often it was rendered.
     pub runs: u32,
     /// Its rays, where they are told.
@@ -118,7 +120,40 @@ pub struct Measured {
     pub interrupted: bool,
 }
 
+impl Point {
+    /// The finest quality whose error it keeps to; `None` where it does not keep to the coarsest's.
+    #[must_use]
+    pub fn quality(&self) -> Option<Quality> {
+        Quality::ALL.into_iter().rev().find(|q| self.metrics.rmse <= q.rmse())
+    }
+}
+
 impl Measured {
+    /// Seconds of the quickest uniform sampling of the same error, between those that were measured; `None` where
+    /// that is out of their reach.
+    #[must_use]
+    pub fn uniform_seconds(&self, rmse: f64) -> Option<f64> {
+        let of = |method: Method| {
+            let mut points: Vec<(f64, f64)> = self
+                .points
+                .iter()
+                .filter(|p| p.method == method && p.metrics.rmse > 0.0)
+                .map(|p| (p.metrics.rmse.ln(), p.trace.as_secs_f64().max(1e-9).ln()))
+                .collect();
+            points.sort_by(|a, b| a.1.total_cmp(&b.1));
+            let at = rmse.ln();
+            points
+                .windows(2)
+                .filter(|w| (w[1].0..=w[0].0).contains(&at) && w[0].0 > w[1].0)
+                .map(|w| {
+                    let share = (w[0].0 - at) / (w[0].0 - w[1].0);
+                    (w[0].1 + share * (w[1].1 - w[0].1)).exp()
+                })
+                .min_by(f64::total_cmp)
+        };
+        [Method::Samples, Method::Scrambled].into_iter().filter_map(of).min_by(f64::total_cmp)
+    }
+
     /// The recommended point.
     #[must_use]
     pub fn recommended(&self) -> Option<&Point> {

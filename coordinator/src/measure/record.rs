@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use serde::Serialize;
-use tessera_core::settings::Transfer;
+use tessera_core::settings::{Quality, Transfer};
 
 use super::point::{Measured, Point};
 use super::reference::Source;
@@ -57,6 +57,10 @@ struct PointRecord<'a> {
     setting: &'a str,
     flags: &'a [String],
     seconds: PointSeconds,
+    /// The closest quality that it is as close as.
+    quality: Option<&'static str>,
+    /// Of the quickest uniform sampling of the same error.
+    uniform_seconds: Option<f64>,
     runs: u32,
     rays: Option<RaysRecord>,
     rmse: f64,
@@ -69,7 +73,7 @@ struct PointRecord<'a> {
     ssim: f64,
     flip: f64,
     predicted_rmse: Option<f64>,
-    predicted_worst_pixel: Option<f64>,
+    predicted_upper: Option<f64>,
     beyond_reference: bool,
     pareto: bool,
     recommended: bool,
@@ -78,6 +82,9 @@ struct PointRecord<'a> {
 #[derive(Debug, Serialize)]
 struct PointSeconds {
     trace: f64,
+    /// The shortest and the longest run's.
+    trace_least: f64,
+    trace_most: f64,
     whole: f64,
 }
 
@@ -110,7 +117,14 @@ impl<'a> PointRecord<'a> {
             method: p.method.name(),
             setting: &p.value,
             flags: &p.flags,
-            seconds: PointSeconds { trace: p.trace.as_secs_f64(), whole: p.whole.as_secs_f64() },
+            seconds: PointSeconds {
+                trace: p.trace.as_secs_f64(),
+                trace_least: p.spread.0.as_secs_f64(),
+                trace_most: p.spread.1.as_secs_f64(),
+                whole: p.whole.as_secs_f64(),
+            },
+            quality: p.quality().map(Quality::name),
+            uniform_seconds: None,
             runs: p.runs,
             rays: p.rays.map(|r| RaysRecord { camera: r.camera, mirror: r.mirror, shadow: r.shadow, total: r.total() }),
             rmse: m.rmse_steps(),
@@ -122,7 +136,7 @@ impl<'a> PointRecord<'a> {
             ssim: m.ssim,
             flip: m.flip,
             predicted_rmse: p.predicted.map(|e| 255.0 * e.rmse),
-            predicted_worst_pixel: p.predicted.map(|e| 255.0 * e.worst),
+            predicted_upper: p.predicted.map(|e| 255.0 * e.upper),
             beyond_reference: p.beyond_reference,
             pareto: p.front,
             recommended,
@@ -133,7 +147,12 @@ impl<'a> PointRecord<'a> {
 impl Measured {
     fn point_records(&self) -> Vec<PointRecord<'_>> {
         let recommended = self.recommendation.as_ref().map(|r| r.point);
-        self.points.iter().enumerate().map(|(i, p)| PointRecord::new(p, recommended == Some(i))).collect()
+        let mut records: Vec<_> =
+            self.points.iter().enumerate().map(|(i, p)| PointRecord::new(p, recommended == Some(i))).collect();
+        for (record, p) in records.iter_mut().zip(&self.points) {
+            record.uniform_seconds = self.uniform_seconds(p.metrics.rmse);
+        }
+        records
     }
 
     /// Everything, as JSON. `render` is the command line that a setting's flags are added to.
@@ -192,8 +211,8 @@ impl Measured {
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = String::from(
-            "method,setting,trace_seconds,whole_seconds,runs,camera_rays,mirror_rays,shadow_rays,total_rays,rmse,\
-             predicted_rmse,predicted_worst_pixel,psnr,largest,share_beyond_255th,share_beyond_510th,ssim,flip,\
+            "method,setting,quality,trace_seconds,trace_least,trace_most,whole_seconds,uniform_seconds,runs,camera_rays,mirror_rays,shadow_rays,total_rays,rmse,\
+             predicted_rmse,predicted_upper,psnr,largest,share_beyond_255th,share_beyond_510th,ssim,flip,\
              beyond_reference,pareto,recommended\n",
         );
         fn cell<T: ToString>(value: Option<T>) -> String {
@@ -204,8 +223,12 @@ impl Measured {
             let cells = [
                 p.method.to_owned(),
                 p.setting.to_owned(),
+                cell(p.quality),
                 p.seconds.trace.to_string(),
+                p.seconds.trace_least.to_string(),
+                p.seconds.trace_most.to_string(),
                 p.seconds.whole.to_string(),
+                cell(p.uniform_seconds),
                 p.runs.to_string(),
                 cell(rays.map(|r| r.camera)),
                 cell(rays.map(|r| r.mirror)),
@@ -213,7 +236,7 @@ impl Measured {
                 cell(rays.and_then(|r| r.total)),
                 p.rmse.to_string(),
                 cell(p.predicted_rmse),
-                cell(p.predicted_worst_pixel),
+                cell(p.predicted_upper),
                 cell(p.psnr),
                 p.largest.to_string(),
                 p.share_beyond_255th.to_string(),
@@ -257,7 +280,11 @@ mod tests {
     fn csv_has_a_cell_for_every_name() {
         let text = measured().to_csv();
         let counts: Vec<usize> = text.lines().map(|l| l.split(',').count()).collect();
-        assert_eq!(counts, [21; 8]);
-        assert!(text.lines().any(|l| l.starts_with("max-error,0.5,0.5,0.6,1,24,6,3000000,3000030,0.42,")), "{text}");
+        assert_eq!(counts, [25; 8]);
+        assert!(
+            text.lines().any(|l| l.starts_with("max-error,0.5,normal,0.5,0.45,0.55,0.6,")
+                && l.contains(",1,24,6,3000000,3000030,0.42,")),
+            "{text}"
+        );
     }
 }

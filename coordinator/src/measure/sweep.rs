@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tessera_core::settings::Quality;
 
-use super::knob::{Knob, Method};
+use super::knob::Knob;
 use super::peer::{self, Rung};
 use super::point::Point;
 use super::reference;
@@ -45,9 +45,12 @@ impl Step {
 /// Every setting that is worth a try, those expected to be cheap first: whatever ends the sweep
 /// early, the most has been learnt by then.
 pub(super) fn steps(target: f64, max_depth: u32, mirrors: bool, peers: bool) -> Vec<Step> {
-    let mut knobs: Vec<Knob> = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25].map(|times| Knob::MaxError(times * target)).into();
+    // A quality is an error by another name.
+    let named = |steps: f64| Quality::ALL.iter().any(|q| (255.0 * q.rmse() / steps - 1.0).abs() < 1e-6);
+    let errors = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25].map(|times| times * target);
+    let mut knobs: Vec<Knob> = errors.into_iter().filter(|&e| !named(e)).map(Knob::MaxError).collect();
     knobs.extend(Quality::ALL.map(Knob::Quality));
-    knobs.extend([1, 2, 3, 4, 5, 6, 8, 10, 12, 16].map(Knob::Samples));
+    knobs.extend([1, 2, 3, 4, 5, 6, 8, 10, 12, 16].into_iter().flat_map(|n| [Knob::Samples(n), Knob::Scrambled(n)]));
     if mirrors {
         knobs.extend([1, 2, 3, 4, 6, 8, 12].into_iter().filter(|&d| d < max_depth).map(Knob::MaxDepth));
     }
@@ -64,11 +67,11 @@ fn rough_cost(knob: &Knob) -> f64 {
     // Time rises with the inverse of the error to about this power.
     let adaptive = |steps: f64| (6.0 * libm::pow(0.5 / steps, 0.7)).max(1.5);
     match *knob {
-        Knob::MaxError(steps) => 1.3 * adaptive(steps),
-        Knob::Quality(quality) => adaptive(2.0 * 255.0 * quality.tolerance().fraction()),
-        Knob::Samples(grid) => f64::from(grid * grid),
+        Knob::MaxError(steps) => adaptive(steps),
+        Knob::Quality(quality) => adaptive(255.0 * quality.rmse()),
+        Knob::Samples(grid) | Knob::Scrambled(grid) => f64::from(grid * grid),
         // After the line that shows more.
-        Knob::MaxDepth(depth) => adaptive(2.0 * 255.0 * Quality::Final.tolerance().fraction()) + f64::from(depth),
+        Knob::MaxDepth(depth) => adaptive(255.0 * Quality::default().rmse()) + f64::from(depth),
     }
 }
 
@@ -76,8 +79,8 @@ fn rough_cost(knob: &Knob) -> f64 {
 pub(super) fn worthwhile(step: &Step, points: &[Point], target: f64) -> bool {
     match step {
         // Finer grids than twice as good as wanted only cost time.
-        Step::Ours(Knob::Samples(_)) => {
-            !points.iter().any(|p| p.method == Method::Samples && p.metrics.rmse_steps() <= 0.5 * target)
+        Step::Ours(knob @ (Knob::Samples(_) | Knob::Scrambled(_))) => {
+            !points.iter().any(|p| p.method == knob.method() && p.metrics.rmse_steps() <= 0.5 * target)
         }
         _ => true,
     }
@@ -100,7 +103,7 @@ impl Costs {
 
     fn unit(&mut self, step: &Step) -> &mut f64 {
         match step {
-            Step::Ours(Knob::Samples(_)) => &mut self.uniform,
+            Step::Ours(Knob::Samples(_) | Knob::Scrambled(_)) => &mut self.uniform,
             Step::Ours(_) => &mut self.adaptive,
             Step::PovRay(_) => &mut self.povray,
         }
@@ -176,6 +179,7 @@ pub(super) fn median(mut times: Vec<Duration>) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::knob::Method;
     use crate::measure::pareto::tests::point;
 
     fn second() -> Costs {
@@ -186,10 +190,13 @@ mod tests {
     fn every_way_is_tried_cheap_ones_first() {
         let all = steps(0.5, 16, true, true);
         assert_eq!(all[0], Step::Ours(Knob::Samples(1)));
-        for needed in [Knob::MaxError(0.5), Knob::Samples(8), Knob::Quality(Quality::Final), Knob::MaxDepth(2)] {
+        let quality = Knob::Quality(Quality::Normal);
+        for needed in [Knob::MaxError(1.0), Knob::Samples(8), Knob::Scrambled(8), quality, Knob::MaxDepth(2)] {
             assert!(all.contains(&Step::Ours(needed)), "{needed:?}");
         }
         assert!(peer::LADDER.iter().all(|rung| all.contains(&Step::PovRay(*rung))));
+        // Nothing twice under two names.
+        assert!(!all.contains(&Step::Ours(Knob::MaxError(0.5))));
         let costs: Vec<f64> = all.iter().map(Step::rough_cost).collect();
         assert!(costs.is_sorted());
         let without =

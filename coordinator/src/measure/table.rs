@@ -7,21 +7,16 @@ use super::point::{Measured, Point, Skipped};
 use super::reference::{Reference, Source};
 
 /// Names of columns, with their alignment: texts to the left, numbers to the right.
-const COLUMNS: [(&str, bool); 14] = [
+const COLUMNS: [(&str, bool); 9] = [
     ("", true),
-    ("method", true),
     ("setting", true),
-    ("trace s", false),
-    ("whole s", false),
+    ("quality", true),
+    ("seconds", false),
+    ("±", false),
+    ("gain", false),
     ("rays/px", false),
-    ("Mrays", false),
     ("RMSE", false),
-    ("predicted", false),
-    ("PSNR dB", false),
-    ("largest", false),
-    ("> 1/255", false),
-    ("> 1/510", false),
-    ("SSIM, FLIP", false),
+    ("told", false),
 ];
 
 impl Measured {
@@ -59,9 +54,9 @@ impl Measured {
     fn rows(&self, text: &mut String) {
         let pixels = f64::from(self.settings.view.width()) * f64::from(self.settings.view.height());
         let recommended = self.recommendation.as_ref().map(|r| r.point);
-        let mut rows: Vec<[String; 14]> = vec![COLUMNS.map(|(name, _)| name.into())];
-        rows.extend(self.points.iter().enumerate().map(|(i, p)| cells(p, pixels, recommended == Some(i))));
-        let widths: [usize; 14] =
+        let mut rows: Vec<[String; 9]> = vec![COLUMNS.map(|(name, _)| name.into())];
+        rows.extend(self.points.iter().enumerate().map(|(i, p)| self.cells(p, pixels, recommended == Some(i))));
+        let widths: [usize; 9] =
             std::array::from_fn(|c| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or_default());
         let mut before: Option<Method> = None;
         for (i, row) in rows.iter().enumerate() {
@@ -71,7 +66,7 @@ impl Measured {
                 text.push('\n');
             }
             before = method;
-            let line: Vec<String> = (0..14)
+            let line: Vec<String> = (0..9)
                 .map(|c| {
                     let width = widths[c];
                     if COLUMNS[c].1 { format!("{:<width$}", row[c]) } else { format!("{:>width$}", row[c]) }
@@ -79,6 +74,25 @@ impl Measured {
                 .collect();
             let _ = writeln!(text, "{}", line.join("  ").trim_end());
         }
+    }
+
+    fn cells(&self, p: &Point, pixels: f64, recommended: bool) -> [String; 9] {
+        let none = || "–".to_owned();
+        let mark = |is: bool, mark: char| if is { mark } else { ' ' };
+        let (seconds, (least, most)) = (p.trace.as_secs_f64(), p.spread);
+        let half = 0.5 * (most.saturating_sub(least)).as_secs_f64() / seconds.max(1e-9);
+        let gain = self.uniform_seconds(p.metrics.rmse).filter(|_| seconds > 0.0).map(|uniform| uniform / seconds);
+        [
+            [mark(recommended, '>'), mark(p.front, '*')].iter().collect(),
+            format!("{} {}", p.method.name(), p.value),
+            p.quality().map_or_else(none, |q| q.name().into()),
+            figure(seconds),
+            if p.runs > 1 { format!("{:.0}%", 100.0 * half) } else { none() },
+            gain.map_or_else(none, |g| format!("{}x", rough(g))),
+            p.rays.map_or_else(none, |r| figure(r.camera as f64 / pixels)),
+            format!("{}{}", if p.beyond_reference { "~" } else { "" }, figure(p.metrics.rmse_steps())),
+            p.predicted.map_or_else(none, |e| figure(255.0 * e.rmse)),
+        ]
     }
 
     /// What was not measured, by reasons.
@@ -99,12 +113,14 @@ impl Measured {
         let numbers = if self.clamped { "linear numbers, clamped to [0, 1]" } else { "linear numbers" };
         let _ = writeln!(
             text,
-            "RMSE, predicted and largest error in 8-bit steps of {numbers}; > 1/255, > 1/510: share of pixels\n\
-             further off than that; rays/px: camera rays a pixel; seconds: medians, whole with reading, building and\n\
-             writing.  * Pareto front: nothing here is quicker and closer   > recommended"
+            "seconds: of tracing, median; ±: half their spread; gain: times as quick as the\n\
+             quickest --samples of the same error; quality: the best one that it reaches;\n\
+             rays/px: camera rays a pixel; RMSE: measured, and as told by the render itself,\n\
+             in 8-bit steps of {numbers}.\n\
+             * Pareto front: nothing here is quicker and closer   > recommended"
         );
         if self.points.iter().any(|p| p.beyond_reference) {
-            text.push_str("~ within three times the reference's own error: the true error may be smaller\n");
+            text.push_str("~ within three times the reference's own error: the true one may be smaller\n");
         }
     }
 
@@ -114,7 +130,7 @@ impl Measured {
         let target = self.target;
         match self.recommended() {
             Some(p) => format!(
-                "for an RMSE of at most {target}, the cheapest is {}: {} in {} s\n\n  {}\n",
+                "for an RMSE of at most {target}, the quickest is {}: {} in {} s\n\n  {}\n",
                 p.flags.join(" "),
                 figure(p.metrics.rmse_steps()),
                 figure(p.trace.as_secs_f64()),
@@ -178,28 +194,6 @@ pub(super) fn rough(x: f64) -> String {
     }
 }
 
-fn cells(p: &Point, pixels: f64, recommended: bool) -> [String; 14] {
-    let m = &p.metrics;
-    let none = || "–".to_owned();
-    let mark = |is: bool, mark: char| if is { mark } else { ' ' };
-    [
-        [mark(recommended, '>'), mark(p.front, '*')].iter().collect(),
-        p.method.name().into(),
-        p.value.clone(),
-        figure(p.trace.as_secs_f64()),
-        figure(p.whole.as_secs_f64()),
-        p.rays.map_or_else(none, |r| figure(r.camera as f64 / pixels)),
-        p.rays.and_then(|r| r.total()).map_or_else(none, |n| figure(n as f64 / 1e6)),
-        format!("{}{}", if p.beyond_reference { "~" } else { "" }, figure(m.rmse_steps())),
-        p.predicted.map_or_else(none, |e| figure(255.0 * e.rmse)),
-        if m.psnr.is_finite() { format!("{:.1}", m.psnr) } else { "∞".into() },
-        figure(255.0 * m.largest),
-        format!("{:.3} %", 100.0 * m.beyond_255th),
-        format!("{:.3} %", 100.0 * m.beyond_510th),
-        format!("{:.5}, {:.5}", m.ssim, m.flip),
-    ]
-}
-
 /// At three significant digits, as people write them.
 pub(super) fn figure(x: f64) -> String {
     match x.abs() {
@@ -235,7 +229,7 @@ pub(super) mod tests {
             point(Method::PovRay, "+A0.3 +AM1 +R3", 0.9, 2.5),
         ];
         for p in &mut points[3..6] {
-            p.predicted = Some(Predicted { rmse: 1.1 * p.metrics.rmse, worst: 0.01 });
+            p.predicted = Some(Predicted { rmse: 1.1 * p.metrics.rmse, upper: 1.3 * p.metrics.rmse });
             p.rays = Some(Rays { camera: 24, mirror: 6, shadow: Some(3_000_000) });
         }
         points[5].beyond_reference = true;
@@ -274,6 +268,9 @@ pub(super) mod tests {
         assert!(line(&["samples", "1"]).starts_with(" *"));
         assert!(line(&["samples", "64"]).starts_with("  "));
         assert!(line(&["quality", "final"]).contains("~0.200") && line(&["quality", "final"]).contains("0.220"));
+        assert!(line(&["quality", "final"]).contains(" final ") && line(&["samples", "4"]).contains(" – "));
+        assert!(line(&["max-error", "0.5"]).contains(" normal ") && line(&["max-error", "0.5"]).contains("11x"));
+        assert!(text.lines().all(|l| l.chars().count() <= 80), "{text}");
         assert!(text.contains("290 samples a pixel (11² + 13²); its own error is 0.080"));
         assert!(text.contains("  coordinator render demo.xml --max-error 0.5\n"));
         assert!(text.contains("left out, for there was no time: --samples 144"));

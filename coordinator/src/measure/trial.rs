@@ -1,11 +1,13 @@
 //! Settings tried one after another.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use tessera_core::film::{Image, Metrics};
+use tessera_core::film::{Image, Metrics, pixels_sha256};
+use tessera_proto::Pixels;
 
-use super::bench::{Bench, blocking, pixels_of};
+use super::bench::{Bench, Job, blocking, pixels_of};
 use super::knob::{Knob, Method};
 use super::peer::{Exported, PeerError, Ran, Rung};
 use super::point::{Point, Predicted, Skipped};
@@ -21,6 +23,14 @@ enum Tried {
     Left(String),
     /// Nothing, for a signal came.
     Stopped,
+}
+
+/// The pictures so far, by hash: the setting that gave each.
+#[derive(Debug, Default)]
+struct Seen {
+    pictures: HashMap<String, String>,
+    /// The depth beyond which no path goes.
+    deepest: Option<String>,
 }
 
 /// What pictures are held against, and how.
@@ -42,6 +52,12 @@ fn in_range(image: Image, clamped: bool) -> Image {
     if clamped { image.map(|x| x.clamp(0.0, 1.0)) } else { image }
 }
 
+/// The shortest and the longest of several times.
+fn spread(times: &[Duration]) -> (Duration, Duration) {
+    let (least, most) = (times.iter().min(), times.iter().max());
+    (least.copied().unwrap_or_default(), most.copied().unwrap_or_default())
+}
+
 const USED_UP: &str = "the budget was used up while they rendered";
 
 impl Bench {
@@ -51,6 +67,7 @@ impl Bench {
         let judge = Judge { reference, truth, clamped };
         let steps = self.steps();
         let mut exported = None;
+        let mut seen = Seen::default();
         for (i, step) in steps.iter().enumerate() {
             if self.stop.is_cancelled() {
                 return Ok(());
@@ -69,7 +86,7 @@ impl Bench {
             let after = steps[i + 1..].iter().filter(worthwhile).map(expect);
             self.say(name.clone(), expected, after.fold(Duration::ZERO, Duration::saturating_add));
             let tried = match step {
-                Step::Ours(knob) => self.try_ours(knob, &judge).await?,
+                Step::Ours(knob) => self.try_new(knob, &judge, &mut seen).await?,
                 Step::PovRay(rung) => {
                     if exported.is_none() {
                         exported = Some(self.export().await?);
@@ -92,15 +109,37 @@ impl Bench {
         Ok(())
     }
 
+    /// Renders a setting of this program, unless it gives a picture that another one gave.
+    async fn try_new(&self, knob: &Knob, judge: &Judge<'_>, seen: &mut Seen) -> Result<Tried, MeasureError> {
+        // Where a path more changed nothing, no path is longer.
+        if let (Knob::MaxDepth(_), Some(same)) = (knob, &seen.deepest) {
+            return Ok(Tried::Left(format!("they give the picture of {same}")));
+        }
+        let (settings, goal) = knob.apply(&self.order.settings);
+        let Some(first) = self.render(settings, goal).await? else { return Ok(self.nothing()) };
+        let hash = match &first.rendered.image {
+            Pixels::F32(pixels) => pixels_sha256(pixels),
+            _ => String::new(),
+        };
+        let name = knob.flags().join(" ");
+        if let Some(same) = seen.pictures.get(&hash) {
+            if matches!(knob, Knob::MaxDepth(_)) && same.starts_with("--max-depth") {
+                seen.deepest = Some(same.clone());
+            }
+            return Ok(Tried::Left(format!("they give the picture of {same}")));
+        }
+        seen.pictures.insert(hash, name);
+        self.try_ours(knob, first, judge).await
+    }
+
     /// What nothing became of, because a signal came or the budget was used up.
     fn nothing(&self) -> Tried {
         if self.stop.is_cancelled() { Tried::Stopped } else { Tried::Left(USED_UP.into()) }
     }
 
-    /// Renders a setting of this program as often as makes sense.
-    async fn try_ours(&self, knob: &Knob, judge: &Judge<'_>) -> Result<Tried, MeasureError> {
+    /// Renders a setting of this program, of which there is a first picture, as often as makes sense.
+    async fn try_ours(&self, knob: &Knob, first: Job, judge: &Judge<'_>) -> Result<Tried, MeasureError> {
         let (settings, goal) = knob.apply(&self.order.settings);
-        let Some(first) = self.render(settings, goal).await? else { return Ok(self.nothing()) };
         let (mut trace, mut whole) = (vec![first.trace], vec![first.whole]);
         for _ in 1..sweep::runs(self.order.repeat, first.trace) {
             if !self.has_time(first.trace) {
@@ -112,7 +151,7 @@ impl Bench {
             whole.push(again.whole);
         }
         let rays = first.rendered.rays.into();
-        let predicted = first.rendered.error.map(|error| Predicted { rmse: error.rmse(), worst: error.worst_pixel() });
+        let predicted = first.rendered.error.map(|error| Predicted { rmse: error.rmse(), upper: error.interval().1 });
         let (width, height) = (settings.view.width(), settings.view.height());
         let image = Image::new(width, height, pixels_of(first.rendered));
         let image = image.ok_or_else(|| RenderError::Internal("a picture is not whole".into()))?;
@@ -122,6 +161,7 @@ impl Bench {
             value: knob.value(),
             flags: knob.flags(),
             runs: trace.len() as u32,
+            spread: spread(&trace),
             trace: median(trace),
             whole: median(whole),
             rays: Some(rays),
@@ -162,7 +202,8 @@ impl Bench {
                 break;
             }
         }
-        let trace = median(runs.iter().map(|r| r.trace).collect());
+        let traces: Vec<Duration> = runs.iter().map(|r| r.trace).collect();
+        let (spread, trace) = (spread(&traces), median(traces));
         let whole = median(runs.iter().map(|r| r.whole).collect());
         let count = runs.len() as u32;
         let Some(last) = runs.pop() else { return Ok(self.nothing()) };
@@ -172,6 +213,7 @@ impl Bench {
             value: rung.value(),
             flags: rung.flags.iter().map(|f| (*f).to_owned()).collect(),
             trace,
+            spread,
             whole,
             runs: count,
             rays: last.rays,

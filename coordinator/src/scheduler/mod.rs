@@ -54,9 +54,9 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use tessera_core::film::Region;
-use tessera_core::settings::Tolerance;
+use tessera_core::settings::Pass;
 use tessera_proto::convert::Lease;
-use tessera_proto::{Attempt, InstanceId, LeaseId, Pass};
+use tessera_proto::{Attempt, InstanceId, LeaseId, PassNumber};
 
 use cutter::Cutter;
 pub(crate) use message::{Config, CutOff, Effect, End, Event, WorkerKey};
@@ -84,7 +84,7 @@ const STALL: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 struct Tile {
     region: Region,
-    pass: Pass,
+    number: PassNumber,
     /// Open leases, the oldest first.
     leases: Vec<LeaseId>,
     attempts: u32,
@@ -135,9 +135,10 @@ pub(crate) struct Scheduler {
     workers: BTreeMap<WorkerKey, Worker>,
     next_tile: u64,
     next_lease: u64,
-    pass: Pass,
-    /// Of the pass at hand, where it has its own.
-    tolerance: Option<Tolerance>,
+    /// The pass at hand.
+    number: PassNumber,
+    /// How closely it looks; `None` where sampling is uniform.
+    pass: Option<Pass>,
     /// Pixels of the pass at hand.
     pixels: u64,
     pixels_done: u64,
@@ -165,8 +166,8 @@ impl Scheduler {
             workers: BTreeMap::new(),
             next_tile: 0,
             next_lease: 1,
-            pass: Pass(0),
-            tolerance: None,
+            number: PassNumber(0),
+            pass: None,
             pixels: config.region.area(),
             pixels_done: 0,
             tiles_done: 0,
@@ -183,10 +184,10 @@ impl Scheduler {
     /// Goes on after [`End::Complete`] with another pass, over disjoint `regions`, in their
     /// order, or over the whole region where there are none. Pixels are expected to cost
     /// `dearer` times as much as in the pass before.
-    pub(crate) fn begin(&mut self, tolerance: Option<Tolerance>, regions: Vec<Region>, dearer: f64) {
+    pub(crate) fn begin(&mut self, pass: Option<Pass>, regions: Vec<Region>, dearer: f64) {
         self.ended = false;
-        self.pass = Pass(self.pass.0 + 1);
-        self.tolerance = tolerance;
+        self.number = PassNumber(self.number.0 + 1);
+        self.pass = pass;
         (self.cutter, self.pixels) = if regions.is_empty() {
             (Cutter::new(self.config.region, self.config.tile), self.config.region.area())
         } else {
@@ -200,10 +201,10 @@ impl Scheduler {
         }
     }
 
-    /// Begins with `tolerance` and over `regions` instead of as the settings say.
-    pub(crate) fn begin_first(&mut self, tolerance: Option<Tolerance>, regions: Vec<Region>) {
-        self.begin(tolerance, regions, 1.0);
-        self.pass = Pass(0);
+    /// Begins with `pass` and over `regions` instead of as the settings say.
+    pub(crate) fn begin_first(&mut self, pass: Option<Pass>, regions: Vec<Region>) {
+        self.begin(pass, regions, 1.0);
+        self.number = PassNumber(0);
     }
 
     /// The region of a lease that `worker` holds and that is still wanted.
@@ -482,7 +483,7 @@ impl Scheduler {
         tile.leases.push(lease);
         w.leases.push_back(lease);
         self.open.insert(lease, Open { worker, tile: id, attempt, granted: self.now });
-        let lease = Lease { id: lease, attempt, region: tile.region, pass: tile.pass, tolerance: self.tolerance };
+        let lease = Lease { id: lease, attempt, region: tile.region, number: tile.number, pass: self.pass };
         effects.push(Effect::Grant { worker, lease });
     }
 }

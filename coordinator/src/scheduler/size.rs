@@ -84,7 +84,7 @@ impl Scheduler {
         let region = self.cutter.take(self.area_for(worker))?;
         let id = self.next_tile;
         self.next_tile += 1;
-        let tile = Tile { region, pass: self.pass, leases: Vec::new(), attempts: 0, strikes: Vec::new() };
+        let tile = Tile { region, number: self.number, leases: Vec::new(), attempts: 0, strikes: Vec::new() };
         self.tiles.insert(id, tile);
         Some(id)
     }

@@ -1,109 +1,110 @@
-//! How far pixels are thought to be from what the image model says, by cause.
+//! How far a picture is from what the image model says: measured by an audit, and expected.
 
-/// What is thought of one pixel's error, as fractions of full scale.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PixelError {
-    /// Variance of the error that comes from where samples are: the components' mean.
-    pub samples: f64,
-    /// Bound on what paths lost because they were followed no farther for want of weight.
-    pub weight: f64,
-    /// Bound on what paths lost because they were as deep as the settings allow. This is no part
-    /// of the estimate: the model is then one of so many rays.
-    pub depth: f64,
-}
+/// A sum of real numbers in whole units of 2⁻⁶⁴, so that it is the same in any order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sum(pub i128);
 
-impl PixelError {
-    /// Variance of the pixel's error: what is lost for want of weight is anything up to its bound.
+impl Sum {
+    const UNIT: f64 = 18_446_744_073_709_551_616.0; // 2⁶⁴
+
+    /// The nearest sum to `x`; what is not a number, or too large, is the largest there is.
     #[must_use]
-    pub fn variance(&self) -> f64 {
-        self.samples + self.weight * self.weight / 3.0
+    pub fn new(x: f64) -> Self {
+        let units = (x * Self::UNIT).round();
+        // `as` saturates.
+        Self(if units.is_nan() { i128::MAX } else { units as i128 })
+    }
+
+    /// Its value.
+    #[must_use]
+    pub fn value(self) -> f64 {
+        self.0 as f64 / Self::UNIT
     }
 }
 
-/// Estimated errors of a set of pixels, kept as whole numbers so that sums are the same in any
-/// order. Squares are in units of 2^−[`ErrorEstimate::SHIFT`] of full scale squared, rounded up.
+impl std::ops::AddAssign for Sum {
+    fn add_assign(&mut self, o: Self) {
+        self.0 = self.0.saturating_add(o.0);
+    }
+}
+
+/// The error of a set of pixels. Squares are the mean of the components', of linear light, full scale being 1.
+///
+/// Some pixels, drawn at random with known probabilities, are sampled afresh by two independent sets of
+/// points. With Y₁ and Y₂ what these give, and X the pixel's value, (X − Y₁)(X − Y₂) has the pixel's squared
+/// error for its mean, whatever the sampler believed; divided by the probability of being drawn (Horvitz and
+/// Thompson, *A generalization of sampling without replacement from a finite universe*, 1952) it adds up to
+/// an unbiased estimate of the whole.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ErrorEstimate {
-    /// Pixels that have an estimate.
+    /// Pixels rendered.
     pub pixels: u64,
-    /// Sum of their expected squared errors, the mean of the components' each.
-    pub squares: u64,
-    /// The part of that which is due to [`PixelError::weight`].
-    pub weight_squares: u64,
-    /// Sum of the squares of [`PixelError::depth`].
-    pub depth_squares: u64,
-    /// The largest standard deviation of a pixel, in billionths of full scale.
-    pub worst: u32,
+    /// What the sampler expects: sum of the pixels' mean squared errors.
+    pub expected: Sum,
+    /// Pixels audited.
+    pub audited: u64,
+    /// The audit's estimate of the sum of squared errors; below 0 by chance where there is next to none.
+    pub squares: Sum,
+    /// The variance of [`Self::squares`].
+    pub variance: Sum,
 }
 
+/// Standard deviations to the ends of a 95 % interval.
+const DEVIATIONS: f64 = 1.96;
+
 impl ErrorEstimate {
-    /// See [`ErrorEstimate`].
-    pub const SHIFT: u32 = 30;
-    /// The largest expected squared error that a pixel can have here.
-    const MOST: f64 = 1.0;
-    /// How many standard deviations a pixel's error bound is. Misplaced edges are not noise: errors
-    /// beyond three are more frequent than a normal distribution's.
-    pub const DEVIATIONS: f64 = 4.0;
-
-    /// Adds a pixel.
-    pub fn add(&mut self, error: &PixelError) {
-        // Rounded up: a doubt is never lost. What is not a number counts as the most.
-        let units = |square: f64| {
-            let square = if square < Self::MOST { square } else { Self::MOST };
-            (square * f64::from(1u32 << Self::SHIFT)).ceil() as u64
-        };
-        let variance = error.variance();
+    /// Adds a pixel whose squared error is expected to be so much.
+    pub fn add(&mut self, expected: f64) {
         self.pixels += 1;
-        self.squares = self.squares.saturating_add(units(variance));
-        self.weight_squares = self.weight_squares.saturating_add(units(error.weight * error.weight / 3.0));
-        self.depth_squares = self.depth_squares.saturating_add(units(error.depth * error.depth));
-        self.worst = self.worst.max((variance.min(Self::MOST).sqrt() * 1e9).ceil() as u32);
+        self.expected += Sum::new(expected);
     }
 
-    fn root(&self, squares: u64) -> f64 {
-        if self.pixels == 0 {
-            return 0.0;
-        }
-        (squares as f64 / self.pixels as f64 / f64::from(1u32 << Self::SHIFT)).sqrt()
+    /// Adds an audited pixel that was drawn with `probability`: an unbiased estimate of its squared error, and
+    /// of the variance of that.
+    pub fn audit(&mut self, square: f64, noise: f64, probability: f64) {
+        self.audited += 1;
+        let share = square / probability;
+        self.squares += Sum::new(share);
+        self.variance += Sum::new(share * share * (1.0 - probability) + noise / (probability * probability));
     }
 
-    /// Expected root mean squared error over the pixels, as a fraction of full scale.
+    fn root(&self, squares: f64) -> f64 {
+        if self.pixels == 0 { 0.0 } else { (squares.max(0.0) / self.pixels as f64).sqrt() }
+    }
+
+    /// Root mean squared error over the pixels: the audit's where there was one, else what is expected.
     #[must_use]
     pub fn rmse(&self) -> f64 {
-        self.root(self.squares)
+        self.root(if self.audited == 0 { self.expected.value() } else { self.squares.value() })
     }
 
-    /// The part of [`Self::rmse`] that is due to where samples are.
+    /// Root mean squared error that the sampler expects.
     #[must_use]
-    pub fn samples_rmse(&self) -> f64 {
-        self.root(self.squares.saturating_sub(self.weight_squares))
+    pub fn expected_rmse(&self) -> f64 {
+        self.root(self.expected.value())
     }
 
-    /// The part of [`Self::rmse`] that is due to paths too faint to be followed.
+    /// The 95 % interval of [`Self::rmse`]; without an audit nothing is known.
     #[must_use]
-    pub fn weight_rmse(&self) -> f64 {
-        self.root(self.weight_squares)
-    }
-
-    /// Bound on the root mean square of what paths lost by being cut at the greatest depth.
-    #[must_use]
-    pub fn depth_bound(&self) -> f64 {
-        self.root(self.depth_squares)
-    }
-
-    /// Bound on the worst pixel's error, as a fraction of full scale.
-    #[must_use]
-    pub fn worst_pixel(&self) -> f64 {
-        Self::DEVIATIONS * f64::from(self.worst) * 1e-9
+    pub fn interval(&self) -> (f64, f64) {
+        if self.audited == 0 {
+            return (0.0, f64::INFINITY);
+        }
+        let (squares, deviation) = (self.squares.value().max(0.0), self.variance.value().max(0.0).sqrt());
+        // Errors are skewed: few pixels have most of them. An interval of the logarithm keeps that in mind.
+        let ratio = deviation / squares.max(f64::MIN_POSITIVE);
+        let spread = (DEVIATIONS * (1.0 + ratio * ratio).ln().sqrt()).exp();
+        let upper = if squares > 0.0 { squares * spread } else { DEVIATIONS * deviation };
+        (self.root(squares / spread), self.root(upper.max(squares + DEVIATIONS * deviation)))
     }
 }
 
 impl std::ops::AddAssign for ErrorEstimate {
     fn add_assign(&mut self, o: Self) {
         self.pixels += o.pixels;
-        self.squares = self.squares.saturating_add(o.squares);
-        self.weight_squares = self.weight_squares.saturating_add(o.weight_squares);
-        self.depth_squares = self.depth_squares.saturating_add(o.depth_squares);
-        self.worst = self.worst.max(o.worst);
+        self.expected += o.expected;
+        self.audited += o.audited;
+        self.squares += o.squares;
+        self.variance += o.variance;
     }
 }

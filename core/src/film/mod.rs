@@ -10,7 +10,7 @@ mod metrics;
 mod region;
 pub mod transfer;
 
-pub use error::{ErrorEstimate, PixelError};
+pub use error::{ErrorEstimate, Sum};
 pub use false_colour::{FalseColour, differences};
 pub use image::{Image, PixelsRef, pixels_sha256};
 pub use metrics::Metrics;
@@ -23,6 +23,6 @@ pub struct Tile {
     pub region: Region,
     /// `region.width() * region.height()` pixels, linear and unclamped.
     pub pixels: Vec<[f32; 3]>,
-    /// How far they are thought to be from the image model's.
+    /// How far they are from the image model's.
     pub error: ErrorEstimate,
 }

@@ -1,73 +1,326 @@
-//! Adaptive sampling of regions, towards a tolerance.
+//! Adaptive sampling of a region.
 //!
-//! The integrand is deterministic and smooth but for edges: outlines of objects, of shadows, and
-//! their mirror images. So the error of a pixel is what is not known about edges in it, and
-//! samples go where that is much. In the order of the work, and of the files:
+//! Every pixel begins with a few points of its own sequence. The variance among them, pooled with that of
+//! the pixels around, says how far its mean may be off and how many points it is worth; those that are
+//! worth more get twice as many, and again, as long as that takes off enough (see [`super::pixel`]). The
+//! differences between the halves tell how fast the error falls there. All that a block's pixels want is
+//! traced together, so that packets are full.
 //!
-//! - [`super::corners`]: every pixel's corners, followed to their ends and shared by four pixels.
-//! - [`super::small`], [`super::shadow`]: what is smaller than a pixel and could be missed by the
-//!   corners, from projected outlines.
-//! - [`super::gaps`]: where light may pass between shadows.
-//! - [`super::difference`]: of what the corners see, that which differs and is worth a look.
-//! - [`super::shape`], [`super::strata`]: exact areas of objects seen directly.
-//! - [`super::fit`]: single edges, by bisection.
-//! - [`super::cells`], [`super::estimate`], [`super::cuts`]: all else, by cells that are halved where their corners
-//!   differ; what these tell, and which of them are cut.
-//! - [`super::block`], [`super::rounds`], [`super::work`]: which of these a pixel takes, and when it
-//!   is done.
-//!
-//! A pixel is done when what more rays would take off its error's variance is worth less than
-//! they cost: limits rise with the rays spent, unless every pixel is to keep to the tolerance.
+//! A pixel is a function of itself and of the first points of the pixels around it: the same for any region.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::block::{self, Pixel};
-use super::corners::Corners;
+use super::audit::{self, Audited};
+use super::composite::Composite;
+use super::pixel::{Pixel, Rule};
+use super::points::{Sequence, centre, with_apron};
+use super::proof::{Doubt, prove};
+use super::strata::{self, Shapes};
+use crate::beam::lens::EDGE;
 use crate::film::{ErrorEstimate, Region, Tile};
-use crate::trace::{RayCounts, Tracer, WaveScratch};
+use crate::settings::{AuditRate, Tolerance};
+use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
+/// Pixels along the edge of the pieces of a region that are worked on at a time.
+const PIECE: u32 = 256;
 /// Pixels along the edge of the blocks that threads take.
 const BLOCK: u32 = 32;
-/// Pixels along the edge of the pieces of a region whose corners are kept at a time.
-const PIECE: u32 = 128;
-/// Paths are not followed where what they could still add is below this share of the tolerance.
-const FAINT: f64 = 0.25;
+/// Points that every pixel begins with.
+const FIRST: u32 = 4;
 
-/// Renders `region`, with the standard deviation of each pixel's error.
-pub(crate) fn render(
-    tracer: &Tracer,
-    region: Region,
-    tolerance: f64,
-    every_pixel: bool,
-) -> (Tile, Vec<f32>, RayCounts) {
+/// The samples that pixels are made of; other sets have nothing in common with it.
+pub(super) const PICTURE: u64 = 0;
+
+/// Renders `region` within `tolerance`, and audits some of it.
+pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate: AuditRate) -> (Tile, RayCounts) {
     let mut pixels = vec![[0.0; 3]; region.area() as usize];
-    let mut errors = vec![0.0; region.area() as usize];
     let mut error = ErrorEstimate::default();
     let mut counts = RayCounts::default();
-    // Where nothing shines, nothing is followed.
-    let least = FAINT * tolerance / tracer.brightest();
+    let rule = Rule::new(tolerance);
     for piece in region.blocks(PIECE) {
-        let corners = Corners::new(tracer, piece, least);
-        counts += corners.counts;
-        let done: Vec<(Region, (Vec<Pixel>, RayCounts))> = piece
+        let first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &mut counts);
+        let blocks: Vec<_> = piece
             .blocks(BLOCK)
             .into_par_iter()
-            .map(|b| {
-                let render = |scratch: &mut _| block::render(tracer, &corners, b, (tolerance, every_pixel), scratch);
-                (b, WaveScratch::with(render))
+            .map(|block| {
+                WaveScratch::with(|scratch| {
+                    let mut counts = RayCounts::default();
+                    let (pixels, composites) =
+                        Refinement { tracer, scratch, counts: &mut counts }.refine(block, &rule, &first);
+                    let mut done: Vec<Audited> = block_pixels(block)
+                        .zip(&pixels)
+                        .map(|(at, p)| Audited {
+                            at,
+                            value: p.mean(),
+                            points: p.points,
+                            expected: p.error(),
+                            open: !p.is_known(),
+                            parts: None,
+                        })
+                        .collect();
+                    for c in &composites {
+                        let at = ((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize;
+                        let pixel = Audited { value: c.mean(), expected: c.error(), parts: Some(c), ..done[at] };
+                        done[at] = pixel;
+                    }
+                    let mut error = ErrorEstimate::default();
+                    done.iter().for_each(|p| error.add(p.expected));
+                    audit::audit(tracer, &done, tolerance, rate, scratch, &mut counts, &mut error);
+                    (block, done.iter().map(|p| p.value).collect::<Vec<_>>(), error, counts)
+                })
             })
             .collect();
-        for (b, (part, c)) in done {
+        for (block, part, e, c) in blocks {
+            error += e;
             counts += c;
-            for (k, p) in part.iter().enumerate() {
-                let (i, j) = (k as u32 % b.width(), k as u32 / b.width());
-                let (x, y) = (b.x0 - region.x0 + i, b.y0 - region.y0 + j);
-                let at = y as usize * region.width() as usize + x as usize;
-                pixels[at] = p.value.to_array().map(|c| c as f32);
-                errors[at] = p.error.variance().sqrt() as f32;
-                error.add(&p.error);
+            for ((x, y), p) in block_pixels(block).zip(&part) {
+                let at = (y - region.y0) as usize * region.width() as usize + (x - region.x0) as usize;
+                pixels[at] = p.to_array().map(|c| c as f32);
             }
         }
     }
-    (Tile { region, pixels, error }, errors, counts)
+    (Tile { region, pixels, error }, counts)
+}
+
+/// The pixels of a region, row by row.
+pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
+    (region.y0..region.y1).flat_map(move |y| (region.x0..region.x1).map(move |x| (x, y)))
+}
+
+/// Pixels after their first points.
+struct First {
+    region: Region,
+    pixels: Vec<Pixel>,
+    /// Those of them that have parts.
+    composites: Vec<Composite>,
+}
+
+impl First {
+    fn at(&self, (x, y): (u32, u32)) -> &Pixel {
+        let Region { x0, y0, .. } = self.region;
+        &self.pixels[(y - y0) as usize * self.region.width() as usize + (x - x0) as usize]
+    }
+
+    /// The variance of the samples in pixel (x, y) and around it. A line that is seen in one of them is known
+    /// to pass the others.
+    fn pooled(&self, (x, y): (u32, u32)) -> f64 {
+        let Region { x0, y0, x1, y1 } = self.region;
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for j in y.max(y0 + 1) - 1..(y + 2).min(y1) {
+            for i in x.max(x0 + 1) - 1..(x + 2).min(x1) {
+                // Of what is proven nothing is learnt about others.
+                if self.at((i, j)).is_known() {
+                    continue;
+                }
+                let weight = [4.0, 2.0, 1.0][(x.abs_diff(i) + y.abs_diff(j)) as usize];
+                sum += weight * self.at((i, j)).variance();
+                weights += weight;
+            }
+        }
+        sum / weights
+    }
+}
+
+/// What is in doubt of the pixels of a block.
+struct Doubts {
+    /// Of the tiles that lie in it, by row and column.
+    tiles: Vec<(Doubt, Shapes)>,
+    across: u32,
+    x0: u32,
+    y0: u32,
+}
+
+impl Doubts {
+    fn new(tracer: &Tracer, block: Region, tolerance: Tolerance) -> Self {
+        let view = &tracer.settings().view;
+        let (x0, y0) = (block.x0 / EDGE, block.y0 / EDGE);
+        let (across, down) = (block.x1.div_ceil(EDGE) - x0, block.y1.div_ceil(EDGE) - y0);
+        let tiles = (0..across * down)
+            .map(|k| {
+                let at = centre(view, (x0 + k % across) * EDGE, (y0 + k / across) * EDGE);
+                prove(tracer, at, tolerance.fraction())
+            })
+            .collect();
+        Self { tiles, across, x0, y0 }
+    }
+
+    fn at(&self, (x, y): (u32, u32)) -> f32 {
+        let tile = &self.tiles[((y / EDGE - self.y0) * self.across + x / EDGE - self.x0) as usize];
+        tile.0[(y % EDGE * EDGE + x % EDGE) as usize]
+    }
+
+    /// The pixels of `block` that have parts.
+    fn composites(&self, tracer: &Tracer, block: Region) -> Vec<Composite> {
+        let view = &tracer.settings().view;
+        let mut composites = Vec::new();
+        for (k, (doubt, shapes)) in self.tiles.iter().enumerate().filter(|(_, (_, shapes))| !shapes.is_empty()) {
+            let (i, j) = (self.x0 + k as u32 % self.across, self.y0 + k as u32 / self.across);
+            for index in (0..EDGE * EDGE).filter(|at| doubt[*at as usize] > 0.0) {
+                let (x, y) = (i * EDGE + index % EDGE, j * EDGE + index / EDGE);
+                if x < block.x0 || x >= block.x1 || y < block.y0 || y >= block.y1 {
+                    continue;
+                }
+                let middle = centre(view, x, y);
+                let parts = strata::parts(shapes, index, (f64::from(middle.x), f64::from(middle.y)));
+                if !parts.is_empty() {
+                    composites.push(Composite::new((x, y), PICTURE, parts));
+                }
+            }
+        }
+        composites
+    }
+}
+
+/// `region` cut along the picture's squares of `edge` × `edge` pixels, so that tiles are whole.
+fn aligned(region: Region, edge: u32) -> Vec<Region> {
+    let ends = |from: u32, to: u32| {
+        let starts = (from / edge..to.div_ceil(edge)).map(move |k| k * edge);
+        starts.map(move |s| (s.max(from), (s + edge).min(to)))
+    };
+    ends(region.y0, region.y1)
+        .flat_map(|(y0, y1)| ends(region.x0, region.x1).map(move |(x0, x1)| Region { x0, y0, x1, y1 }))
+        .collect()
+}
+
+/// Samples the first points of all pixels of `region`.
+fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, counts: &mut RayCounts) -> First {
+    let view = &tracer.settings().view;
+    let done: Vec<_> = aligned(region, BLOCK)
+        .into_par_iter()
+        .map(|block| {
+            let mut counts = RayCounts::default();
+            let mut order = Vec::new();
+            packets(block.width(), block.height(), |i, j| order.push((block.x0 + i, block.y0 + j)));
+            let doubts = Doubts::new(tracer, block, tolerance);
+            let composites = doubts.composites(tracer, block);
+            let mut points: Vec<PlanePoint> = Vec::new();
+            for &at in &order {
+                if doubts.at(at) == 0.0 {
+                    points.push(centre(view, at.0, at.1));
+                } else {
+                    let sequence = Sequence::new(view, at, PICTURE);
+                    points.extend((0..FIRST).map(|k| sequence.point(k)));
+                }
+            }
+            let mut samples = vec![Sample::BLANK; points.len()];
+            WaveScratch::with(|scratch| tracer.trace(&points, 0.0, &mut samples, scratch, &mut counts));
+            let mut rest = &samples[..];
+            let mut next = |n: usize| {
+                let (these, behind) = rest.split_at(n);
+                rest = behind;
+                these
+            };
+            let pixels: Vec<_> = order
+                .into_iter()
+                .map(|at| {
+                    if doubts.at(at) == 0.0 {
+                        return (at, Pixel::known(next(1)[0].radiance));
+                    }
+                    let mut pixel = Pixel::default();
+                    pixel.add(FIRST, next(FIRST as usize).iter().map(|s| s.radiance));
+                    (at, pixel)
+                })
+                .collect();
+            (pixels, composites, counts)
+        })
+        .collect();
+    let mut composites = Vec::new();
+    let mut pixels = vec![Pixel::default(); region.area() as usize];
+    for (part, more, c) in done {
+        *counts += c;
+        composites.extend(more);
+        for ((x, y), pixel) in part {
+            pixels[(y - region.y0) as usize * region.width() as usize + (x - region.x0) as usize] = pixel;
+        }
+    }
+    First { region, pixels, composites }
+}
+
+/// Samples a block's pixels further.
+struct Refinement<'a> {
+    tracer: &'a Tracer,
+    scratch: &'a mut WaveScratch,
+    counts: &'a mut RayCounts,
+}
+
+impl Refinement<'_> {
+    fn refine(&mut self, block: Region, rule: &Rule, first: &First) -> (Vec<Pixel>, Vec<Composite>) {
+        let view = &self.tracer.settings().view;
+        let mut pixels: Vec<Pixel> = block_pixels(block)
+            .map(|at| {
+                let mut pixel = *first.at(at);
+                if !pixel.is_known() {
+                    pixel.expect(first.pooled(at));
+                }
+                pixel
+            })
+            .collect();
+        let inside = |(x, y): (u32, u32)| (block.x0..block.x1).contains(&x) && (block.y0..block.y1).contains(&y);
+        let mut composites: Vec<Composite> = first.composites.iter().filter(|c| inside(c.at)).cloned().collect();
+        composites.iter_mut().for_each(|c| c.among(first.pooled(c.at)));
+        let mut apart = vec![false; pixels.len()];
+        composites
+            .iter()
+            .for_each(|c| apart[((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize] = true);
+        let mut active = Vec::new();
+        packets(block.width(), block.height(), |i, j| {
+            let at = j * block.width() + i;
+            if !apart[at as usize] {
+                active.push(at);
+            }
+        });
+        let mut open: Vec<usize> = (0..composites.len()).collect();
+        let (mut points, mut samples) = (Vec::new(), Vec::new());
+        loop {
+            let mut wanted = Vec::new();
+            points.clear();
+            for &at in &active {
+                let pixel = &pixels[at as usize];
+                let doublings = pixel.doublings(rule, 1.0);
+                if doublings > 0 {
+                    wanted.push((at, doublings));
+                    let (i, j) = (at % block.width(), at / block.width());
+                    let sequence = Sequence::new(view, (block.x0 + i, block.y0 + j), PICTURE);
+                    points.extend((pixel.next..pixel.next << doublings).map(|k| sequence.point(k)));
+                }
+            }
+            let mut parts = Vec::new();
+            for &at in &open {
+                let more = composites[at].wanted(rule);
+                if more.iter().any(|n| *n > 0) {
+                    composites[at].ask(view, &more, &mut points);
+                    parts.push((at, more));
+                }
+            }
+            if points.is_empty() {
+                return (pixels, composites);
+            }
+            samples.resize(points.len(), Sample::BLANK);
+            self.tracer.trace(&points, 0.0, &mut samples, self.scratch, self.counts);
+            let mut next = 0;
+            for &(at, doublings) in &wanted {
+                let pixel = &mut pixels[at as usize];
+                for _ in 0..doublings {
+                    let n = pixel.next as usize;
+                    pixel.add(n as u32, samples[next..next + n].iter().map(|s| s.radiance));
+                    next += n;
+                }
+            }
+            for (at, more) in &parts {
+                let n = more.iter().sum::<u32>() as usize;
+                composites[*at].take(view, more, &samples[next..next + n]);
+                next += n;
+            }
+            active.clear();
+            active.extend(wanted.iter().map(|(at, _)| *at));
+            open.clear();
+            open.extend(parts.iter().map(|(at, _)| *at));
+        }
+    }
+}
+
+/// The mean of samples.
+pub(super) fn mean(samples: &[Sample]) -> DVec3 {
+    samples.iter().map(|s| s.radiance).sum::<DVec3>() * (1.0 / samples.len().max(1) as f64)
 }

@@ -1,19 +1,12 @@
-//! Which rays a pixel asks for.
+//! Which points a picture is sampled at, and how far it is off.
 
 pub(crate) mod adaptive;
-mod block;
-mod cells;
-mod corners;
-mod cuts;
-mod detail;
-mod difference;
-mod estimate;
-mod fit;
-mod gaps;
-pub(crate) mod lattice;
-mod rounds;
-mod shadow;
-mod shape;
-pub(crate) mod small;
-mod strata;
-mod work;
+pub(crate) mod audit;
+pub(crate) mod coarse;
+mod composite;
+pub(crate) mod pixel;
+pub(crate) mod points;
+pub(crate) mod proof;
+mod shadows;
+mod sheet;
+pub(crate) mod strata;

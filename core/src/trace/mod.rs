@@ -10,7 +10,6 @@ mod packet;
 mod path;
 mod prepared;
 mod query;
-pub(crate) mod record;
 mod shade;
 pub(crate) mod texture;
 mod wave;
@@ -28,17 +27,15 @@ use crate::film::transfer::to_linear;
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::geometry::ObjectId;
 use crate::geometry::local::kind;
-use crate::sampling::small::Marks;
-use crate::sampling::{adaptive, lattice};
+use crate::sampling::points::{self, Sequence};
+use crate::sampling::{adaptive, coarse};
 use crate::scene::{PictureId, Pigment};
-use crate::settings::{Sampling, Settings, Tolerance};
+use crate::settings::{AuditRate, Detail, Pass, Sampling, Settings};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
-pub(crate) use path::{PathScratch, mix};
-use record::{Look, Probe, Recording, Records};
 use texture::{Mapping, Texels};
+use wave::Wave;
 pub(crate) use wave::WaveScratch;
-use wave::{Blockers, Wave};
 
 /// Rays traced, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -115,6 +112,12 @@ pub(crate) struct Material {
     pub(crate) pigment: Pigment,
 }
 
+impl Material {
+    pub(crate) fn reflect(&self) -> f64 {
+        self.reflect
+    }
+}
+
 /// Traces pixels of one picture: a prepared scene under fixed settings.
 #[derive(Debug)]
 pub struct Tracer {
@@ -128,8 +131,6 @@ pub struct Tracer {
     mappings: Vec<Mapping>,
     /// Whether any surface mirrors.
     mirrors: bool,
-    /// What could fall between pixel corners; for adaptive sampling only.
-    marks: Marks,
     level: Level,
     refinement: Refinement,
 }
@@ -149,7 +150,7 @@ impl Tracer {
         }
         let grid = match settings.sampling {
             Sampling::Uniform { grid } => grid,
-            Sampling::Adaptive { .. } => lattice::GRID,
+            Sampling::Scrambled { .. } | Sampling::Adaptive => points::GRID,
         };
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
@@ -164,10 +165,9 @@ impl Tracer {
                 Material { albedo: color * s.diffuse, reflect: s.reflect, pigment: s.pigment }
             })
             .collect();
-        let mut tracer = Self {
+        Ok(Self {
             settings,
             grid,
-            marks: Marks::default(),
             mirrors: materials.iter().any(|m| m.reflect > 0.0),
             level: Level::best(),
             refinement: Refinement::On,
@@ -177,33 +177,15 @@ impl Tracer {
             texels: scene.pictures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
             mappings: texture::mappings(&scene, &prepared.local),
             prepared,
-        };
-        if let Sampling::Adaptive { .. } = settings.sampling {
-            tracer.marks = Marks::new(&tracer);
-        }
-        Ok(tracer)
-    }
-
-    /// The lights, in local space.
-    pub(crate) fn lights(&self) -> &[DVec3] {
-        &self.prepared.local.lights
-    }
-
-    /// A bound on the largest component of radiance along any ray; infinite where mirrors keep everything.
-    pub(crate) fn brightest(&self) -> f64 {
-        let lights = self.lights().len() as f64;
-        let sent = |m: &Material| m.albedo.max_element() * lights;
-        let most = self.materials.iter().map(sent).fold(self.background.max_element(), f64::max);
-        let reflect = self.materials.iter().map(|m| m.reflect).fold(0.0, f64::max);
-        if most == 0.0 { 0.0 } else { most / (1.0 - reflect).max(0.0) }
-    }
-
-    pub(crate) fn marks(&self) -> &Marks {
-        &self.marks
+        })
     }
 
     pub(crate) fn frame(&self) -> &Frame {
         &self.frame
+    }
+
+    pub(crate) fn level(&self) -> Level {
+        self.level
     }
 
     pub(crate) fn prepared(&self) -> &PreparedScene {
@@ -216,7 +198,8 @@ impl Tracer {
         &self.settings
     }
 
-    /// Renders the pixels of `region`, in parallel on the calling rayon pool.
+    /// Renders the pixels of `region` by uniform sampling, in parallel on the calling rayon pool; of an adaptive
+    /// picture, the coarsest there is ([`Tracer::render_pass`] gives others).
     ///
     /// # Panics
     /// When `region` reaches outside the picture.
@@ -224,8 +207,8 @@ impl Tracer {
     pub fn render(&self, region: Region) -> (Tile, RayCounts) {
         let view = &self.settings.view;
         assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
-        if let Sampling::Adaptive { tolerance, .. } = self.settings.sampling {
-            return self.render_within(region, tolerance);
+        if self.settings.sampling == Sampling::Adaptive {
+            return coarse::render(self, region, Detail::COARSEST, AuditRate::default());
         }
         let threads = rayon::current_num_threads();
         let [large, small] = BLOCK;
@@ -261,33 +244,19 @@ impl Tracer {
         (Tile { region, pixels, error: ErrorEstimate::default() }, counts)
     }
 
-    /// Renders the pixels of `region` adaptively within `tolerance`, in parallel on the calling
-    /// rayon pool. The settings' own tolerance does not count; under uniform sampling the
-    /// result is that of [`Tracer::render`].
+    /// Renders the pixels of `region` in one pass of an adaptive picture, and audits some of them, in parallel on
+    /// the calling rayon pool. Under uniform sampling the result is that of [`Tracer::render`].
     ///
     /// # Panics
     /// When `region` reaches outside the picture.
     #[must_use]
-    pub fn render_within(&self, region: Region, tolerance: Tolerance) -> (Tile, RayCounts) {
-        let (tile, _, counts) = self.render_estimated(region, tolerance);
-        (tile, counts)
-    }
-
-    /// [`Tracer::render_within`], with the standard deviation of every pixel's error as a
-    /// fraction of full scale; none under uniform sampling.
-    ///
-    /// # Panics
-    /// When `region` reaches outside the picture.
-    #[must_use]
-    pub fn render_estimated(&self, region: Region, tolerance: Tolerance) -> (Tile, Vec<f32>, RayCounts) {
+    pub fn render_pass(&self, region: Region, pass: Pass) -> (Tile, RayCounts) {
         let view = &self.settings.view;
         assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
-        match self.settings.sampling {
-            Sampling::Adaptive { every_pixel, .. } => adaptive::render(self, region, tolerance.fraction(), every_pixel),
-            Sampling::Uniform { .. } => {
-                let (tile, counts) = self.render(region);
-                (tile, Vec::new(), counts)
-            }
+        match (self.settings.sampling, pass.detail) {
+            (Sampling::Adaptive, Detail::Coarse { step }) => coarse::render(self, region, step, pass.audit),
+            (Sampling::Adaptive, Detail::Within(tolerance)) => adaptive::render(self, region, tolerance, pass.audit),
+            _ => self.render(region),
         }
     }
 
@@ -309,46 +278,6 @@ impl Tracer {
         Self { refinement, ..self }
     }
 
-    /// Records the paths through `points`, each until its weight is below `least`. Sequential:
-    /// callers spread work over threads. Neighbours in the list had better be neighbours in the
-    /// plane.
-    pub(crate) fn record(
-        &self,
-        points: &[PlanePoint],
-        least: f64,
-        records: &mut Records,
-        scratch: &mut WaveScratch,
-        counts: &mut RayCounts,
-    ) {
-        let mut out = [Sample::BLANK; wave::PATHS];
-        for points in points.chunks(wave::PATHS) {
-            let (record, out) = (Some(Recording::new(points.len(), records)), &mut out[..points.len()]);
-            self.wave(points, record, least, out, scratch, counts);
-            let found = dispatch(self.level, Blockers { tracer: self, dark: records.dark(), scratch });
-            records.blocked_by(&found);
-        }
-    }
-
-    /// Looks through `points`, at what `looks` and their `lights` say. As [`Self::record`] else.
-    pub(crate) fn probe(
-        &self,
-        points: &[PlanePoint],
-        (looks, lights): (&[Look], &[u64]),
-        least: f64,
-        probes: &mut [Probe],
-        scratch: &mut WaveScratch,
-        counts: &mut RayCounts,
-    ) {
-        let mut out = [Sample::BLANK; wave::PATHS];
-        let words = self.lights().len().div_ceil(64);
-        let each = looks.chunks(wave::PATHS).zip(probes.chunks_mut(wave::PATHS));
-        for (points, (looks, probes)) in points.chunks(wave::PATHS).zip(each) {
-            let record = Some(Recording::probing(looks, lights, words, probes));
-            let out = &mut out[..points.len()];
-            self.wave(points, record, least, out, scratch, counts);
-        }
-    }
-
     /// What `id` does with light.
     pub(crate) fn material(&self, id: ObjectId) -> &Material {
         &self.materials[self.prepared.surface_of(id).0 as usize]
@@ -366,7 +295,8 @@ impl Tracer {
         self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
-    /// What is seen through `points`, by rays of more weight than `least`. As [`Self::record`] else.
+    /// What is seen through `points`, by rays of more weight than `least`. Sequential: callers spread
+    /// work over threads. Neighbours in the list had better be neighbours in the plane.
     pub(crate) fn trace(
         &self,
         points: &[PlanePoint],
@@ -376,7 +306,7 @@ impl Tracer {
         counts: &mut RayCounts,
     ) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
-            self.wave(points, None, least, out, scratch, counts);
+            self.wave(points, least, out, scratch, counts);
         }
     }
 
@@ -384,13 +314,12 @@ impl Tracer {
     fn wave(
         &self,
         points: &[PlanePoint],
-        record: Option<Recording<'_>>,
         least: f64,
         out: &mut [Sample],
         scratch: &mut WaveScratch,
         counts: &mut RayCounts,
     ) {
-        dispatch(self.level, Wave { tracer: self, points, record, least, out, scratch, counts });
+        dispatch(self.level, Wave { tracer: self, points, least, out, scratch, counts });
     }
 
     /// Renders `block` to the front of `pixels`, `stride` pixels a row.
@@ -402,6 +331,9 @@ impl Tracer {
         pixels: &mut [[f32; 3]],
         stride: usize,
     ) {
+        if let Sampling::Scrambled { samples } = self.settings.sampling {
+            return self.scrambled_block(block, samples, scratch, counts, pixels, stride);
+        }
         let n = self.grid;
         let (width, height) = (block.width() * n, block.height() * n);
         let BlockScratch { points, samples, ordered } = scratch;
@@ -437,6 +369,46 @@ impl Tracer {
             }
         }
     }
+}
+
+impl Tracer {
+    /// The same by so many points of each pixel's sequence.
+    fn scrambled_block(
+        &self,
+        block: Region,
+        n: u32,
+        scratch: &mut BlockScratch,
+        counts: &mut RayCounts,
+        pixels: &mut [[f32; 3]],
+        stride: usize,
+    ) {
+        let view = &self.settings.view;
+        let BlockScratch { points, samples, .. } = scratch;
+        // As many points at a time as keep packets full and memory small.
+        let rows = (4096 / (block.width() * n).max(1)).clamp(1, 8) * 4;
+        for strip in block.blocks(block.width().max(rows)).into_iter().flat_map(|b| strips(b, rows)) {
+            points.clear();
+            packets(strip.width(), strip.height(), |i, j| {
+                let sequence = Sequence::new(view, (strip.x0 + i, strip.y0 + j), 0);
+                points.extend((0..n).map(|k| sequence.point(k)));
+            });
+            samples.resize(points.len(), Sample::BLANK);
+            WaveScratch::with(|wave| self.trace(points, 0.0, samples, wave, counts));
+            let mut done = samples.chunks_exact(n as usize);
+            packets(strip.width(), strip.height(), |i, j| {
+                if let Some(of_pixel) = done.next() {
+                    let sum: DVec3 = of_pixel.iter().map(|s| s.radiance).sum();
+                    let at = (strip.y0 - block.y0 + j) as usize * stride + (strip.x0 - block.x0 + i) as usize;
+                    pixels[at] = (sum * (1.0 / f64::from(n))).to_array().map(|c| c as f32);
+                }
+            });
+        }
+    }
+}
+
+/// `region` cut into strips of so many rows.
+fn strips(region: Region, rows: u32) -> impl Iterator<Item = Region> {
+    (region.y0..region.y1).step_by(rows as usize).map(move |y0| Region { y0, y1: region.y1.min(y0 + rows), ..region })
 }
 
 /// Memory of a thread that renders blocks.

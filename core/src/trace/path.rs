@@ -5,24 +5,13 @@ use glam::DVec3;
 use super::arbiter::Decision;
 use super::camera::PlanePoint;
 use super::court::{Case, Court, Refined};
-use super::packet::NONE;
 use super::query::{Closest, Occluded, Scratch};
-use super::record::Recording;
 use super::shade::{self, Place};
 use super::texture;
 use super::{RayCounts, Refinement, Sample, Tracer};
-use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
-
-/// A hash step (the finaliser of SplitMix64).
-pub(crate) fn mix(hash: u64, word: u64) -> u64 {
-    let x = (hash ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
-}
 
 /// Memory of a thread that traces paths.
 #[derive(Debug, Default)]
@@ -33,19 +22,14 @@ pub(crate) struct PathScratch {
 }
 
 impl Tracer {
-    /// What is seen through `point`, by rays of more weight than `least`; recorded as the path given
-    /// with `record`.
+    /// What is seen through `point`, by rays of more weight than `least`.
     pub(crate) fn sample(
         &self,
         point: PlanePoint,
         least: f64,
         scratch: &mut PathScratch,
         counts: &mut RayCounts,
-        mut record: Option<(&mut Recording<'_>, usize)>,
     ) -> Sample {
-        if let Some((record, path)) = &mut record {
-            record.restart(*path);
-        }
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
@@ -70,9 +54,6 @@ impl Tracer {
             let Some(decision) = decision else {
                 counts.unresolved += u64::from(court.unresolved());
                 let background = self.background * throughput;
-                if let Some((record, path)) = &mut record {
-                    record.meet(*path, depth, NONE, || (DVec3::ZERO, DVec3::ZERO), background);
-                }
                 return Sample { radiance: sum + background };
             };
             let material = self.material(decision.id);
@@ -102,10 +83,6 @@ impl Tracer {
                 counts.refined += 1;
                 place = refined.place;
             }
-            if let Some((record, path)) = &mut record {
-                let at = || (place.p.to_dvec3(), place.n.to_dvec3());
-                record.meet(*path, depth, decision.code(), at, color * throughput);
-            }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
@@ -116,9 +93,6 @@ impl Tracer {
                         _ => incidence.cosine,
                     };
                     if !(cosine > 0.0) {
-                        continue;
-                    }
-                    if record.as_ref().is_some_and(|(r, path)| !r.looks_for(*path, depth, k as u32)) {
                         continue;
                     }
                     counts.shadow += 1;
@@ -133,35 +107,17 @@ impl Tracer {
                             court.occluded(&case, decision, scene.lights()[k], &candidates)
                         }
                     };
-                    if blocked && let Some((record, path)) = &mut record {
-                        record.block(*path, k, || shadow, decision.code());
-                    }
                     if !blocked {
                         cosines.push(cosine);
-                        if let Some((record, path)) = &mut record {
-                            record.see(*path, k);
-                        }
                     }
                 }
                 let lit: f64 = cosines.iter().sum();
                 let direct = color * (throughput * lit);
                 sum += direct;
-                if let Some((record, path)) = &mut record {
-                    record.add(*path, direct);
-                }
             }
             throughput *= material.reflect;
             if throughput == 0.0 {
                 break;
-            }
-            if let Some((record, path)) = &mut record {
-                if depth == self.settings.max_depth || throughput <= least {
-                    record.lose(*path, throughput);
-                    break;
-                }
-                if !record.goes_beyond(*path, depth) {
-                    break;
-                }
             }
             if !goes_on {
                 break;
@@ -176,25 +132,6 @@ impl Tracer {
         }
         counts.unresolved += u64::from(court.unresolved());
         Sample { radiance: sum }
-    }
-
-    /// Where on its picture `object` is seen through `point`, which sees it.
-    pub(crate) fn picture_coordinates(&self, object: u32, point: PlanePoint) -> glam::DVec2 {
-        let (scene, local) = (&self.prepared.scene, &self.prepared.local);
-        let id = ObjectId(object);
-        let inside = match kind(scene, id) {
-            Kind::Sphere(i) => local.spheres[i].c.dot(local.spheres[i].c) < local.spheres[i].r * local.spheres[i].r,
-            _ => false,
-        };
-        let (ray, met) = (self.frame.ray(point), Decision { id, inside });
-        texture::coordinates(scene, local, &self.mappings, met, &self.place(&ray, met, None), &ray).0
-    }
-
-    /// The point that `ray` meets first and its normal there, as far as f64 tells.
-    pub(crate) fn surface_along(&self, ray: &Ray, scratch: &mut PathScratch) -> Option<(DVec3, DVec3)> {
-        let Closest::Sure(met) = self.prepared.closest(ray, None, &mut scratch.query) else { return None };
-        let place = self.place(ray, met, None);
-        Some((place.p.to_dvec3(), place.n.to_dvec3()))
     }
 
     /// Where `ray` meets what it is known to meet, in f64.

@@ -52,14 +52,6 @@ impl Scratch {
         nearest.map(|&(id, Span { inside, .. })| Decision { id, inside })
     }
 
-    /// After a search for what is closest: what seems to be, in whatever order objects were found.
-    pub(crate) fn seemingly_closest(&self) -> Option<u32> {
-        let order = |(i, a): &&(ObjectId, Span), (j, b): &&(ObjectId, Span)| {
-            a.middle().total_cmp(&b.middle()).then(i.0.cmp(&j.0))
-        };
-        self.found.iter().min_by(order).map(|(id, _)| id.0)
-    }
-
     /// After an [`Occluded::Doubt`]: as [`Self::likely_closest`].
     pub(crate) fn likely_occluded(&self) -> bool {
         self.found.iter().any(|(_, s)| s.middle() > 0.0 && s.middle() < 1.0)

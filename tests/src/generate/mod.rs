@@ -3,6 +3,7 @@
 pub mod contact;
 mod document;
 pub mod extreme;
+pub mod fine;
 mod mesh;
 mod ply;
 mod random;

@@ -34,6 +34,7 @@ fn colour(method: Method) -> Colour {
     match method {
         Method::MaxError | Method::Quality => [0x00, 0x62, 0x9c],
         Method::Samples => [0xc8, 0x55, 0x00],
+        Method::Scrambled => [0x8a, 0x6d, 0x00],
         Method::MaxDepth => [0x00, 0x80, 0x5d],
         Method::PovRay => [0x9c, 0x4f, 0x82],
     }
@@ -45,6 +46,7 @@ fn title(method: Method) -> &'static str {
         Method::MaxError => "--max-error",
         Method::Quality => "--quality",
         Method::Samples => "--samples",
+        Method::Scrambled => "scrambled",
         Method::MaxDepth => "--max-depth",
         Method::PovRay => "POV-Ray",
     }
@@ -193,12 +195,15 @@ impl<'a> Sheet<'a> {
         self.measured.points.iter().filter(|p| p.method == method).collect()
     }
 
-    /// The line of a method; named qualities are points beside the line of their method.
+    /// The line of a method; named qualities are points of that of errors.
     fn path(&self, method: Method) -> Vec<Place> {
-        if method == Method::Quality {
-            return Vec::new();
-        }
-        self.of(method).into_iter().map(|p| self.place(p)).collect()
+        let mut points = match method {
+            Method::Quality => return Vec::new(),
+            Method::MaxError => [self.of(Method::MaxError), self.of(Method::Quality)].concat(),
+            _ => self.of(method),
+        };
+        points.sort_by_key(|p| p.trace);
+        points.into_iter().map(|p| self.place(p)).collect()
     }
 
     fn lines(&mut self) {
@@ -250,7 +255,8 @@ impl<'a> Sheet<'a> {
             labels.put(Label { text, near: vec![last, first], gap: 10.0, needed: true });
         }
         // Names first, for they say more than numbers do.
-        let order = [Method::Quality, Method::MaxError, Method::Samples, Method::PovRay, Method::MaxDepth];
+        let order =
+            [Method::Quality, Method::MaxError, Method::Samples, Method::PovRay, Method::Scrambled, Method::MaxDepth];
         for p in order.into_iter().flat_map(|method| self.of(method)) {
             if self.measured.recommended() == Some(p) {
                 continue;
@@ -273,6 +279,7 @@ fn outline(method: Method, (x, y): Place) -> Option<Vec<Place>> {
         Method::MaxError => None,
         Method::Quality => at(&[(0.0, -6.6), (6.6, 0.0), (0.0, 6.6), (-6.6, 0.0)]),
         Method::Samples => at(&[(-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)]),
+        Method::Scrambled => at(&[(-5.0, 0.0), (0.0, -3.4), (5.0, 0.0), (0.0, 3.4)]),
         Method::MaxDepth => at(&[(0.0, -5.4), (5.0, 3.6), (-5.0, 3.6)]),
         Method::PovRay => at(&[(0.0, 5.4), (5.0, -3.6), (-5.0, -3.6)]),
     }

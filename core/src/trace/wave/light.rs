@@ -7,7 +7,7 @@ use super::paths::Paths;
 use super::{PATHS, Stage};
 use crate::geometry::V3;
 use crate::simd::{Double, LANES, Simd};
-use crate::trace::packet::{self, NONE, Packet, Spot, Walk};
+use crate::trace::packet::{self, Packet, Spot, Walk};
 use crate::trace::shade;
 
 /// Shadow segments towards one light.
@@ -48,12 +48,7 @@ impl Stage<'_> {
         walk: &mut Walk,
         paths: &mut Paths,
     ) {
-        let depth = paths.step as u32 + 1;
-        let any = paths.record.as_ref().and_then(|r| r.any_lights(&rays.path[..rays.count], depth));
         for (k, &light) in self.tracer.prepared.local.lights.iter().enumerate() {
-            if any.as_ref().is_some_and(|any| any[k / 64] >> (k % 64) & 1 == 0) {
-                continue;
-            }
             let light = V3::<S::Double>::splat(light);
             self.facing::<S>(rays, places, k, light, shadows, paths);
             let mut last = shadows.last[k];
@@ -76,15 +71,6 @@ impl Stage<'_> {
                     }
                 }
                 let lit = all & !blocked;
-                if let Some(r) = &mut paths.record {
-                    for lane in packet::lanes(lit) {
-                        r.see(rays.path[shadows.at[first + lane] as usize] as usize, k);
-                    }
-                    for lane in packet::lanes(blocked) {
-                        let i = shadows.at[first + lane] as usize;
-                        r.block(rays.path[i] as usize, k, || places.segment(i, self.tracer, k), places.met[i]);
-                    }
-                }
                 for (at, eight, lit) in [(first, low, lit as u8), (first + 8, high, (lit >> 8) as u8)] {
                     if lit != 0 {
                         let mut cosines = [0.0; 8];
@@ -125,13 +111,6 @@ impl Stage<'_> {
             // What met nothing has no albedo.
             let albedo = load3::<S>(&places.albedo, at);
             faces &= (albedo.x + albedo.y + albedo.z).positive() & (0xff >> (8 - 8.min(rays.count - at)));
-            if let Some(record) = &paths.record {
-                for lane in packet::lanes(u16::from(faces)) {
-                    if !record.looks_for(rays.path[at + lane] as usize, paths.step as u32 + 1, k as u32) {
-                        faces &= !(1 << lane);
-                    }
-                }
-            }
             let indices = FIRST_EIGHT.map(|lane| at as u32 + lane);
             *eight_at_mut(&mut shadows.at, shadows.count) = S::compress(&indices, faces);
             cosine.compress(faces).store(eight_at_mut(&mut shadows.cosine, shadows.count));
@@ -163,19 +142,6 @@ impl Stage<'_> {
                     let light = DVec3::new(lanes[0][lane], lanes[1][lane], lanes[2][lane]);
                     paths.shine(path[lane] as usize, light);
                 }
-            }
-        }
-        if paths.record.is_some() {
-            self.record_light(rays, places, paths);
-        }
-    }
-
-    fn record_light(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
-        let Some(record) = &mut paths.record else { return };
-        for i in (0..rays.count).filter(|&i| places.met[i] != NONE) {
-            let color = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
-            if color != DVec3::ZERO {
-                record.add(rays.path[i] as usize, color * (rays.throughput[i] * places.lit[i]));
             }
         }
     }

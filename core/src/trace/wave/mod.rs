@@ -5,7 +5,6 @@
 //! settle goes to the arbiter. `trace::path` traces one path by the same operations and serves
 //! scenes that f32 cannot hold, and the rare path that is longer than a wave keeps.
 
-mod blockers;
 mod find;
 mod lanes;
 mod light;
@@ -14,7 +13,6 @@ mod places;
 
 use std::cell::Cell;
 
-pub(crate) use blockers::Blockers;
 use glam::DVec3;
 use lanes::{Column, Places, Rays, column};
 use light::Shadows;
@@ -24,7 +22,6 @@ use super::camera::PlanePoint;
 use super::filter::Filter;
 use super::packet::{Packet, Walk};
 use super::path::PathScratch;
-use super::record::Recording;
 use super::{RayCounts, Sample, Tracer};
 use crate::bvh::{Boxes, Wide};
 use crate::simd::{Kernel, Simd};
@@ -110,8 +107,6 @@ pub(crate) struct Wave<'a> {
     pub(crate) tracer: &'a Tracer,
     /// At most [`PATHS`].
     pub(crate) points: &'a [PlanePoint],
-    /// Where paths are recorded, if they are.
-    pub(crate) record: Option<Recording<'a>>,
     /// Mirrored rays of no more weight are not followed.
     pub(crate) least: f64,
     pub(crate) out: &'a mut [Sample],
@@ -162,7 +157,6 @@ impl Kernel for Wave<'_> {
             courts: Vec::new(),
             refined_places: Vec::new(),
             step: 0,
-            record: self.record,
             least: self.least,
         };
         shadows.forget(prepared.local.lights.len());
@@ -176,12 +170,11 @@ impl Kernel for Wave<'_> {
             paths.refined_places.clear();
             stage.closest::<S>(rays, places, packet, walk, &mut paths);
             stage.places::<S>(rays, places, kinds, &mut paths);
-            stage.record(rays, places, &mut paths);
             stage.light::<S>(rays, places, shadows, packet, walk, &mut paths);
             stage.gather::<S>(rays, places, &mut paths);
             next.count = 0;
-            if self.tracer.mirrors && (depth < max_depth || paths.record.is_some()) {
-                stage.reflect::<S>(rays, places, next, &mut paths, depth < max_depth);
+            if self.tracer.mirrors && depth < max_depth {
+                stage.reflect::<S>(rays, places, next, &mut paths);
             }
             std::mem::swap(rays, next);
         }
@@ -192,22 +185,19 @@ impl Kernel for Wave<'_> {
             out.radiance = DVec3::new(paths.radiance[0][k], paths.radiance[1][k], paths.radiance[2][k]);
         }
         // Rays are left only where a wave keeps fewer steps than the paths may have.
-        let mut record = paths.record;
         for &k in &rays.path[..rays.count] {
             let k = k as usize;
             self.counts.camera -= 1;
             self.counts.unresolved -= u64::from(unresolved.get(k).is_some_and(|u| *u));
             self.counts.mirror -= u64::from(mirrors[k]);
             self.counts.shadow -= u64::from(shadow_counts[k]);
-            self.out[k] =
-                self.tracer.sample(self.points[k], self.least, path, self.counts, record.as_mut().map(|r| (r, k)));
+            self.out[k] = self.tracer.sample(self.points[k], self.least, path, self.counts);
         }
     }
 
-    fn run_scalar(mut self) {
-        for (k, (p, out)) in self.points.iter().zip(self.out).enumerate() {
-            let record = self.record.as_mut().map(|r| (r, k));
-            *out = self.tracer.sample(*p, self.least, &mut self.scratch.path, self.counts, record);
+    fn run_scalar(self) {
+        for (p, out) in self.points.iter().zip(self.out) {
+            *out = self.tracer.sample(*p, self.least, &mut self.scratch.path, self.counts);
         }
     }
 }

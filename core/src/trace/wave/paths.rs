@@ -9,14 +9,13 @@ use crate::trace::camera::PlanePoint;
 use crate::trace::court::{Case, Court, Refined};
 use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::query::{Closest, Occluded, Scratch};
-use crate::trace::record::Recording;
 use crate::trace::shade;
 use crate::trace::{RayCounts, Refinement, Tracer};
 
 use super::lanes::{Column, Places, Rays};
 
 /// The paths of one wave.
-pub(super) struct Paths<'a, 'r> {
+pub(super) struct Paths<'a> {
     pub(super) tracer: &'a Tracer,
     pub(super) points: &'a [PlanePoint],
     /// The light each path has gathered.
@@ -35,13 +34,11 @@ pub(super) struct Paths<'a, 'r> {
     pub(super) refined_places: Vec<Refined>,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
-    /// Where paths are recorded, if they are.
-    pub(super) record: Option<Recording<'r>>,
     /// Mirrored rays of no more weight are not followed.
     pub(super) least: f64,
 }
 
-impl Paths<'_, '_> {
+impl Paths<'_> {
     /// Adds light to what `path` has gathered.
     #[inline(always)]
     pub(super) fn shine(&mut self, path: usize, light: DVec3) {
@@ -70,18 +67,6 @@ impl Paths<'_, '_> {
                 self.mirrors[path as usize] += 1;
             }
         }
-    }
-
-    /// Whether a recorded path goes on with `throughput`; notes what is lost where it does not.
-    #[inline(never)]
-    pub(super) fn follows(&mut self, path: usize, throughput: f64, deeper: bool) -> bool {
-        let step = self.step as u32 + 1;
-        let Some(r) = &mut self.record else { return true };
-        if !deeper || throughput <= self.least {
-            r.lose(path, throughput);
-            return false;
-        }
-        r.goes_beyond(path, step)
     }
 
     /// Puts what wide arithmetic knows of the cosines towards `light` at places `at` to `at` + 8.

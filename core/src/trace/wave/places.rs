@@ -176,36 +176,9 @@ impl Stage<'_> {
         fine.then(|| tracer.picture_color(picture, uv, met.id))
     }
 
-    /// Records what each ray met.
-    pub(super) fn record(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
-        let Some(record) = &mut paths.record else { return };
-        let depth = paths.step as u32 + 1;
-        for i in 0..rays.count {
-            let (path, throughput) = (rays.path[i] as usize, rays.throughput[i]);
-            if places.met[i] == NONE {
-                let nowhere = || (DVec3::ZERO, DVec3::ZERO);
-                record.meet(path, depth, NONE, nowhere, self.tracer.background * throughput);
-                continue;
-            }
-            let albedo = DVec3::new(places.albedo[0][i], places.albedo[1][i], places.albedo[2][i]);
-            let at = || {
-                let place = places.one(i);
-                (place.p.to_dvec3(), place.n.to_dvec3())
-            };
-            record.meet(path, depth, places.met[i], at, albedo * throughput);
-        }
-    }
-
-    /// The mirrored rays of all places that mirror, lost unless the path goes `deeper`.
+    /// The mirrored rays of all places that mirror.
     #[inline(always)]
-    pub(super) fn reflect<S: Simd>(
-        &self,
-        rays: &Rays,
-        places: &Places,
-        next: &mut Rays,
-        paths: &mut Paths,
-        deeper: bool,
-    ) {
+    pub(super) fn reflect<S: Simd>(&self, rays: &Rays, places: &Places, next: &mut Rays, paths: &mut Paths) {
         let step = paths.step;
         next.count = 0;
         if paths.trails.len() <= step {
@@ -214,18 +187,7 @@ impl Stage<'_> {
         for at in (0..rays.count).step_by(8) {
             let throughput = load::<S>(&rays.throughput, at) * load::<S>(&places.reflect, at);
             let count = 8.min(rays.count - at);
-            let mut goes_on = (throughput - S::Double::splat(paths.least)).positive() & (0xff >> (8 - count));
-            if paths.record.is_some() {
-                goes_on = throughput.positive() & (0xff >> (8 - count));
-                let mut weights = [0.0; 8];
-                throughput.store(&mut weights);
-                for lane in 0..count {
-                    if goes_on >> lane & 1 == 1 && !paths.follows(rays.path[at + lane] as usize, weights[lane], deeper)
-                    {
-                        goes_on &= !(1 << lane);
-                    }
-                }
-            }
+            let goes_on = (throughput - S::Double::splat(paths.least)).positive() & (0xff >> (8 - count));
             if goes_on == 0 {
                 continue;
             }

@@ -1,0 +1,95 @@
+//! What passes cost, in points a pixel, and how many pixels are worth an audit.
+//!
+//! Under a tolerance t a pixel whose points are worth it gets n of them and keeps a squared error e² of
+//! n / n₁ · t², where n₁ is what a typical edge gets (see `core::sampling::pixel`). So expected errors tell points.
+
+use std::time::Duration;
+
+use tessera_core::film::ErrorEstimate;
+use tessera_core::settings::{AuditRate, Tolerance};
+
+/// Points that every pixel begins with.
+const FIRST: f64 = 4.0;
+/// κ of the edge whose error the tolerance states: its mean over n points errs by κ·n^-1.5 (mean square).
+const TYPICAL: f64 = 0.1;
+/// A picture of at most so many pixels is audited as a whole.
+pub(super) const SMALL: u64 = 3000;
+/// Pixels audited where a picture has many.
+const AUDITED: f64 = 2000.0;
+/// And those of smaller ones, which may cost more than their share.
+const AUDITED_AT_LEAST: f64 = 500.0;
+/// An audit costs about 2.5 times its rate, as a share of the picture: two sets of as many points each.
+const MOST_RATE: f64 = 0.04;
+/// The error of a picture is aimed at from below, by this share.
+pub(super) const MOST_AIM: f64 = 0.85;
+
+/// Points of an edge whose error the tolerance states.
+fn typical_points(tolerance: f64) -> f64 {
+    libm::pow(TYPICAL / (tolerance * tolerance), 2.0 / 3.0)
+}
+
+/// Expected points a pixel, without an audit, where `error` was expected within `tolerance`.
+pub(super) fn points(error: &ErrorEstimate, tolerance: Tolerance) -> f64 {
+    let t = tolerance.fraction();
+    FIRST + typical_points(t) * relative(error, t)
+}
+
+/// Mean squared error that is expected, in squares of the tolerance.
+fn relative(error: &ErrorEstimate, t: f64) -> f64 {
+    if error.pixels == 0 { 0.0 } else { error.expected.value().max(0.0) / (error.pixels as f64 * t * t) }
+}
+
+/// The same, the picture being expected to err by `relative`: a mean square, in squares of its tolerance.
+fn rate(area: u64, relative: f64) -> (AuditRate, f64) {
+    let all = area as f64;
+    if area <= SMALL {
+        return (AuditRate::ALL, all);
+    }
+    // Pixels drawn at a rate of 1, but for those that are drawn anyway.
+    let drawn = (all * (AuditRate::FLOOR + relative)).max(1.0);
+    let rate = (AUDITED / drawn).min(MOST_RATE.max(AUDITED_AT_LEAST / drawn));
+    (AuditRate((rate * 65536.0).ceil() as u32), (rate * drawn).min(all))
+}
+
+/// The audit of a pass over `area` pixels, and how many of them it is expected to draw, by what was expected of the
+/// picture within a like tolerance.
+pub(super) fn audit(area: u64, seen: Option<(&ErrorEstimate, Tolerance)>) -> (AuditRate, f64) {
+    // In squares of the tolerance, the error stays what it was, but for pixels that are content with their first
+    // points.
+    rate(area, seen.map_or(0.05, |(error, tolerance)| relative(error, tolerance.fraction())))
+}
+
+/// The audit of a coarse pass, whose pixels are all alike to it: so many of them.
+pub(super) fn coarse_audit(area: u64, pixels: f64) -> AuditRate {
+    let rate = pixels / (area as f64 * AuditRate::FLOOR);
+    AuditRate((rate * 65536.0).ceil() as u32)
+}
+
+/// Time that other errors would take, by the model above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Forecast {
+    rmse: f64,
+    /// Points a pixel beyond the first.
+    more: f64,
+    took: Duration,
+}
+
+impl Forecast {
+    /// From a picture that was rendered within `tolerance` in so much time.
+    pub(crate) fn new(error: &ErrorEstimate, tolerance: Tolerance, took: Duration) -> Self {
+        Self { rmse: error.rmse(), more: points(error, tolerance) - FIRST, took }
+    }
+
+    /// Seconds of tracing until an error of `target`; `None` where it was reached already.
+    #[must_use]
+    pub fn seconds(&self, target: f64) -> Option<f64> {
+        let finer = self.rmse / (MOST_AIM * target);
+        if self.rmse <= target || !finer.is_finite() {
+            return None;
+        }
+        // Errors fall with the tolerance, points rise with its inverse to 4/3; once that is so, pixels that
+        // were content with less will be among those that are refined.
+        let more = (self.more + 0.1 * FIRST) * libm::pow(finer, 4.0 / 3.0);
+        Some(self.took.as_secs_f64() * (FIRST + more) / (FIRST + self.more))
+    }
+}

@@ -1,0 +1,292 @@
+//! Passes towards an error.
+//!
+//! ```text
+//! look at few blocks ─▶ at more, within the tolerance found ─▶ … ─▶ render ─▶ met: done
+//!                                                                    ▲  │ missed, and finer helps
+//!                                                                    └──┘
+//! ```
+//! Looks are spread over the whole view, whatever region of it is rendered, so that regions are rendered within the
+//! tolerance that the whole is. A picture so small that a look sees all of it needs no other render: then looks go on
+//! until one meets the target and not by far, and its pixels are the picture.
+
+use std::time::Duration;
+
+use tessera_core::film::{ErrorEstimate, Region};
+use tessera_core::settings::{AuditRate, Tolerance};
+
+use super::cost::{self, MOST_AIM};
+use super::look::{Spots, Work};
+use super::{Outcome, Step, reaches, within};
+
+/// The first tolerance that is tried, in errors asked for.
+const GUESS: f64 = 4.0;
+/// No pixel gets more than its first points within a tolerance above this.
+const LOOSEST: f64 = 64.0 / 255.0;
+/// Audits of looks draw every pixel that is expected to err by half the tolerance, and one in four of the others.
+const LOOK_RATE: AuditRate = AuditRate(4 << 16);
+/// The upper end of the interval is aimed at this share of the target.
+const SURE: f64 = 0.97;
+/// The error itself is aimed at this share of the target at least, and at this one of a small picture.
+const LEAST_AIM: f64 = 0.6;
+const LEAST_AIM_AT_ALL: f64 = 0.45;
+/// What a look at parts saw counts as what was expected there times such factors at most: a pixel that errs by far
+/// more than was thought says that something is missed, and not how the error depends on the tolerance.
+const SURPRISE: [f64; 2] = [0.6, 1.5];
+/// After a render that missed the target, this share of it is aimed at, by this much finer at least.
+const ONCE_MORE: f64 = 0.75;
+/// A tolerance has helped where the error fell by this share of what the tolerance did.
+const HELPS: f64 = 0.3;
+/// A picture that is better than this share of the target is too good.
+const TOO_GOOD: f64 = 0.4;
+/// Tolerances are changed by such factors at a time.
+const STEPS: [f64; 2] = [0.1, 4.0];
+/// After a second look the tolerance is changed no more than by such factors without another one.
+const NEAR: [f64; 2] = [0.6, 1.5];
+/// Errors fall with the tolerance to about this power.
+const POWER: f64 = 0.9;
+/// Looks at most: at parts, and at all of a small picture.
+const LOOKS: usize = 4;
+const LOOKS_AT_ALL: usize = 8;
+/// Renders at most.
+const RENDERS: u32 = 4;
+
+/// See the [module](self).
+#[derive(Debug)]
+pub(crate) struct Target {
+    error: f64,
+    view: Region,
+    region: Region,
+    /// Of the pass at hand.
+    tolerance: Tolerance,
+    /// What the last look saw within what.
+    seen: Option<(ErrorEstimate, Tolerance)>,
+    looks: usize,
+    renders: u32,
+    /// The loosest tolerance known to meet the target, and the tightest known not to.
+    good: Option<Tolerance>,
+    bad: Option<Tolerance>,
+    /// The last tolerance that missed it, and the upper end of the error then.
+    missed: Option<(Tolerance, f64)>,
+    /// Whether the whole view meets the target by what was seen.
+    met: bool,
+    /// What there is to do where, and seconds a point, by the last look at parts.
+    work: Option<(Work, f64)>,
+}
+
+/// What a pass tells of the whole.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    rmse: f64,
+    /// What the sampler expected.
+    expected: f64,
+    /// The upper end of its interval.
+    upper: f64,
+    /// By how much a render's error may be above what is aimed at.
+    margin: f64,
+}
+
+impl Target {
+    pub(super) fn new(error: f64, view: Region, region: Region) -> Self {
+        Self {
+            error,
+            view,
+            region,
+            tolerance: clamped(GUESS * error),
+            seen: None,
+            looks: 0,
+            renders: 0,
+            good: None,
+            bad: None,
+            missed: None,
+            met: false,
+            work: None,
+        }
+    }
+
+    pub(super) fn first(&mut self) -> Step {
+        self.look(self.tolerance)
+    }
+
+    /// Whether the pass at hand is a look.
+    pub(super) fn is_looking(&self) -> bool {
+        self.renders == 0
+    }
+
+    pub(super) fn is_met(&self, error: &ErrorEstimate) -> bool {
+        if self.is_whole() { reaches(error, self.error) } else { self.met }
+    }
+
+    pub(super) fn next(&mut self, outcome: &Outcome) -> Option<Step> {
+        if self.renders > 0 {
+            return self.after_render(outcome);
+        }
+        let spots = self.spots();
+        let error = outcome.error;
+        let (rmse, upper) = (error.rmse(), error.interval().1);
+        self.seen = Some((error, self.tolerance));
+        // The render's audit draws other pixels, and more or fewer of them.
+        let (_, drawn) = cost::audit(self.view.area(), self.seen.as_ref().map(|(e, t)| (e, *t)));
+        let audits = if spots.are_all() { 1.0 } else { (error.audited as f64 / drawn.max(1.0)).sqrt() };
+        let spread = if rmse > 0.0 { (upper / rmse - 1.0) * audits } else { 0.0 };
+        let fields = spots.fields(&outcome.tiles);
+        let doubt = fields.doubt();
+        if !spots.are_all() {
+            // A look's pixels are audited, and the pixels around each block are sampled for it alone.
+            let points = error.pixels as f64 * (3.0 * cost::points(&error, self.tolerance) + 2.0);
+            let seconds = outcome.took.as_secs_f64() / points.max(1.0);
+            self.work = Some((fields.work(|e| cost::points(e, self.tolerance)), seconds));
+        }
+        let expected = error.expected_rmse();
+        let seen = Seen { rmse, expected, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
+        if spots.are_all() { self.after_all(seen) } else { self.after_look(seen) }
+    }
+
+    /// The tolerance that leads from what was seen to what is aimed at, and by what factor the error changes.
+    fn better(&self, seen: &Seen) -> (Tolerance, f64) {
+        let all = self.spots().are_all();
+        let least = if all { LEAST_AIM_AT_ALL } else { LEAST_AIM };
+        let aim = (SURE / seen.margin).clamp(least, MOST_AIM) * self.error;
+        let rmse = if all {
+            // Where nothing was seen to err, the upper end says how little that tells.
+            if seen.rmse > 0.0 { seen.rmse } else { 0.5 * seen.upper }
+        } else {
+            seen.rmse.clamp(SURPRISE[0] * seen.expected, SURPRISE[1] * seen.expected)
+        };
+        let ratio = if rmse > 0.0 { aim / rmse } else { STEPS[1] };
+        (self.scaled(ratio), ratio)
+    }
+
+    /// The tolerance at hand, such that the error changes by a factor.
+    fn scaled(&self, ratio: f64) -> Tolerance {
+        clamped(self.tolerance.fraction() * libm::pow(ratio.clamp(STEPS[0], STEPS[1]), 1.0 / POWER))
+    }
+
+    /// After a look at parts.
+    fn after_look(&mut self, seen: Seen) -> Option<Step> {
+        let (next, ratio) = self.better(&seen);
+        let near = self.looks > 1 && (NEAR[0]..NEAR[1]).contains(&ratio);
+        if near || self.looks >= LOOKS || next == self.tolerance {
+            let expected = seen.rmse * next.fraction() / self.tolerance.fraction();
+            self.met = expected * seen.margin <= self.error;
+            return Some(self.render(next));
+        }
+        Some(self.look(next))
+    }
+
+    /// After a look at all of a small picture.
+    fn after_all(&mut self, seen: Seen) -> Option<Step> {
+        let now = self.tolerance;
+        if seen.upper <= self.error {
+            self.good = Some(self.good.map_or(now, |t| t.max(now)));
+            if seen.rmse >= TOO_GOOD * self.error || now == clamped(LOOSEST) {
+                return self.settle(now);
+            }
+        } else {
+            self.bad = Some(self.bad.map_or(now, |t| t.min(now)));
+            if self.is_in_vain(seen.upper) {
+                return self.settle(self.good.unwrap_or(now));
+            }
+        }
+        let (mut next, _) = self.better(&seen);
+        if let (Some(good), Some(bad)) = (self.good, self.bad)
+            && !(good < next && next < bad)
+        {
+            next = Tolerance::new((good.fraction() * bad.fraction()).sqrt());
+            if bad.fraction() < 1.1 * good.fraction() {
+                return self.settle(good);
+            }
+        }
+        if self.looks >= LOOKS_AT_ALL || next == now {
+            return self.settle(self.good.unwrap_or(now));
+        }
+        Some(self.look(next))
+    }
+
+    /// After a render of the region.
+    fn after_render(&mut self, outcome: &Outcome) -> Option<Step> {
+        // What a part errs by says nothing of the whole.
+        if !self.is_whole() {
+            return None;
+        }
+        let upper = outcome.error.interval().1;
+        let in_vain = reaches(&outcome.error, self.error) || self.spots().are_all() || self.is_in_vain(upper);
+        if in_vain || self.renders >= RENDERS || self.tolerance == Tolerance::MIN {
+            return None;
+        }
+        self.seen = Some((outcome.error, self.tolerance));
+        let next = self.scaled((ONCE_MORE * self.error / upper).min(ONCE_MORE));
+        Some(self.render(next))
+    }
+
+    /// Whether looking closer has not helped: notes that the tolerance at hand missed the target.
+    fn is_in_vain(&mut self, upper: f64) -> bool {
+        let before = self.missed.replace((self.tolerance, upper));
+        before.is_some_and(|(t, u)| {
+            let finer = self.tolerance.fraction() / t.fraction();
+            finer < 0.85 && upper > u * (1.0 - HELPS * (1.0 - finer))
+        })
+    }
+
+    /// Expected work in `region`, in units of its own.
+    pub(super) fn work(&self, region: &Region) -> f64 {
+        match &self.work {
+            Some((work, _)) if self.renders > 0 => work.of(region),
+            _ => region.area() as f64,
+        }
+    }
+
+    /// How long the render at hand is expected to take.
+    pub(super) fn expected(&self) -> Option<Duration> {
+        let (work, seconds) = self.work.as_ref().filter(|_| self.renders == 1)?;
+        Duration::try_from_secs_f64(1.1 * seconds * work.of(&self.region)).ok()
+    }
+
+    fn is_whole(&self) -> bool {
+        self.region == self.view
+    }
+
+    /// What the look at hand sees.
+    fn spots(&self) -> Spots {
+        Spots::of(self.view, self.looks.max(1) - 1)
+    }
+
+    /// Ends with a tolerance whose error over all of the view is known.
+    fn settle(&mut self, tolerance: Tolerance) -> Option<Step> {
+        self.met = self.good.is_some_and(|good| tolerance <= good);
+        if self.is_whole() && tolerance == self.tolerance { None } else { Some(self.render(tolerance)) }
+    }
+
+    /// Renders for the picture.
+    fn render(&mut self, tolerance: Tolerance) -> Step {
+        let seen = self.seen.as_ref().map(|(e, t)| (e, *t));
+        let (audit, _) = if self.is_whole() && self.spots().are_all() {
+            (AuditRate::ALL, 0.0)
+        } else {
+            cost::audit(self.region.area(), seen)
+        };
+        // A look's pixels are audited, and their neighbours belong to no other tile.
+        let audited = if self.renders == 0 { 3.0 } else { 1.0 };
+        let dearer = libm::pow(self.tolerance.fraction() / tolerance.fraction(), 1.0) / audited;
+        self.tolerance = tolerance;
+        self.renders += 1;
+        Step { pass: within(tolerance, audit), regions: Vec::new(), kept: true, dearer }
+    }
+
+    /// Renders blocks spread over the view, to see how errors depend on the tolerance.
+    fn look(&mut self, tolerance: Tolerance) -> Step {
+        let dearer = self.tolerance.fraction() / tolerance.fraction();
+        self.tolerance = tolerance;
+        self.looks += 1;
+        let spots = self.spots();
+        if spots.are_all() && self.is_whole() {
+            return Step { pass: within(tolerance, AuditRate::ALL), regions: Vec::new(), kept: true, dearer };
+        }
+        let audit = if spots.are_all() { AuditRate::ALL } else { LOOK_RATE };
+        Step { pass: within(tolerance, audit), regions: spots.regions().collect(), kept: false, dearer }
+    }
+}
+
+/// The tolerance nearest to `fraction` that makes sense.
+fn clamped(fraction: f64) -> Tolerance {
+    Tolerance::new(fraction.min(LOOSEST))
+}

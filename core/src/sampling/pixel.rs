@@ -1,0 +1,141 @@
+//! What is known of one pixel's mean, and how many points it is worth.
+
+use glam::DVec3;
+
+use crate::settings::Tolerance;
+
+/// Points of a pixel at most.
+pub(crate) const MOST: u32 = 4096;
+
+/// Constants of the model of errors.
+///
+/// A mean over n points of a scrambled net errs by κ·n^-1.5 (mean square) once points are closer than edges. Of a
+/// single straight edge of variance v, κ is 0.57·v (16 points: 9.8 steps of 255, averaged over edges).
+struct Model {
+    /// κ of a pixel of variance 1, as long as nothing else is known.
+    edge: f64,
+    /// κ and points of the edge whose error the tolerance states: half a contrast of 1.
+    typical: f64,
+    /// What takes off less than this share of a pixel's points is left alone.
+    least_growth: f64,
+}
+
+const MODEL: Model = Model { edge: 0.57, typical: 0.1, least_growth: 1.4 };
+
+/// Of the error's mean square, what doubling the points takes off: 1 − 2^-1.5.
+const DOUBLING: f64 = 0.646_446_609_406_726_2;
+
+/// How many points pixels are worth under a tolerance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rule {
+    /// Mean square that a point must take off to be worth it.
+    a_point: f64,
+}
+
+impl Rule {
+    /// Such that a typical edge ends with the tolerance's error.
+    pub(crate) fn new(tolerance: Tolerance) -> Self {
+        let t = tolerance.fraction();
+        // κ n^-1.5 = t² and DOUBLING · κ n^-2.5 = a_point at κ = typical.
+        let n = libm::pow(MODEL.typical / (t * t), 2.0 / 3.0);
+        Self { a_point: DOUBLING * t * t / n }
+    }
+
+    /// Points of a pixel of such κ.
+    pub(crate) fn points(&self, kappa: f64) -> f64 {
+        libm::pow(DOUBLING * kappa / self.a_point, 0.4)
+    }
+}
+
+/// The samples of one pixel, in the order of its sequence.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Pixel {
+    sum: DVec3,
+    /// Sum of the squares of all components.
+    squares: f64,
+    pub(crate) points: u32,
+    /// The next of the sequence: more than `points` where some did not count.
+    pub(crate) next: u32,
+    /// See [`Model`]; what it was inferred from weighs as much as so many doublings.
+    kappa: f64,
+    weight: f64,
+}
+
+impl Pixel {
+    /// A pixel whose mean is known.
+    pub(crate) fn known(mean: DVec3) -> Self {
+        Self { sum: mean, points: 1, next: 1, ..Self::default() }
+    }
+
+    /// Whether its mean is known without more ado.
+    pub(crate) fn is_known(&self) -> bool {
+        self.points == 1
+    }
+
+    /// Adds samples that are the next of the pixel's sequence, which were `taken` in all. They double their number,
+    /// or are the first.
+    pub(crate) fn add(&mut self, taken: u32, samples: impl Iterator<Item = DVec3>) {
+        self.next += taken;
+        let (mut sum, mut squares, mut n) = (DVec3::ZERO, 0.0, 0);
+        for x in samples {
+            sum += x;
+            squares += x.length_squared();
+            n += 1;
+        }
+        if self.points > 0 && n > 0 {
+            // Two nets of as many points, that know nothing of each other but not to meet.
+            let half = f64::from(self.points);
+            let apart = (sum * (1.0 / f64::from(n)) - self.mean()).length_squared() / 3.0;
+            let seen = 0.5 * apart * half * half.sqrt();
+            self.kappa = (self.kappa * self.weight + seen) / (self.weight + 1.0);
+            self.weight = (self.weight + 1.0).min(3.0);
+        }
+        self.sum += sum;
+        self.squares += squares;
+        self.points += n;
+    }
+
+    pub(crate) fn mean(&self) -> DVec3 {
+        self.sum * (1.0 / f64::from(self.points.max(1)))
+    }
+
+    /// The variance of its samples, the components' mean.
+    pub(crate) fn variance(&self) -> f64 {
+        if self.points < 2 {
+            return 0.0;
+        }
+        let n = f64::from(self.points);
+        // Rounding may leave less than nothing.
+        ((self.squares - self.sum.length_squared() / n) / (3.0 * (n - 1.0))).max(0.0)
+    }
+
+    /// What is thought of it by its neighbours' samples and its own.
+    pub(crate) fn expect(&mut self, variance: f64) {
+        self.kappa = MODEL.edge * variance;
+        self.weight = 3.0;
+    }
+
+    /// What is thought of it by its own samples alone.
+    pub(crate) fn expect_alone(&mut self) {
+        self.expect(self.variance());
+    }
+
+    /// Its mean's expected squared error.
+    pub(crate) fn error(&self) -> f64 {
+        let n = f64::from(self.points.max(1));
+        self.kappa / (n * n.sqrt())
+    }
+
+    /// How often its points are to be doubled next, 0 where it is done; as the mean of so large a part of a pixel.
+    pub(crate) fn doublings(&self, rule: &Rule, area: f64) -> u32 {
+        let most = f64::from(MOST / self.next.max(1));
+        let growth = (rule.points(self.kappa * area * area) / f64::from(self.points.max(1))).min(most);
+        if growth < MODEL.least_growth {
+            0
+        } else if growth < 3.0 {
+            1
+        } else {
+            2
+        }
+    }
+}

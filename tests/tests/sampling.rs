@@ -1,0 +1,156 @@
+//! Adaptive sampling by itself: what is known in closed form, and that pixels depend on nothing they should not.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use glam::DVec3;
+use tessera_core::film::{ErrorEstimate, Region};
+use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, Transfer, View};
+use tessera_core::simd::Level;
+use tessera_core::trace::{PreparedScene, RayCounts, Tracer};
+use tessera_tests::generate::{self, Document, Look, fine};
+use tessera_tests::truth::whole;
+
+fn settings((width, height): (u32, u32), sampling: Sampling) -> Settings {
+    let view = View::new(width, height, 1.0, 1.0).unwrap();
+    Settings { view, max_depth: 6, sampling, transfer: Transfer::Linear }
+}
+
+fn tracer(document: &Document, size: (u32, u32)) -> Tracer {
+    let prepared = Arc::new(PreparedScene::build(Arc::new(document.scene().unwrap())));
+    Tracer::new(prepared, settings(size, Sampling::Adaptive)).unwrap()
+}
+
+/// Within so many 8-bit steps, every pixel audited.
+fn within(steps: f64) -> Pass {
+    Pass { detail: Detail::Within(Tolerance::new(steps / 255.0)), audit: AuditRate::ALL }
+}
+
+/// Sum of the first component.
+fn light(document: &Document, size: (u32, u32), steps: f64) -> f64 {
+    let tracer = tracer(document, size);
+    let (tile, _) = tracer.render_pass(whole(tracer.settings()), within(steps));
+    tile.pixels.iter().map(|p| f64::from(p[0])).sum()
+}
+
+/// What a white ball of radius 1 sends, seen from far off at angle `phase` between light and eye: its disc's integral
+/// of n·l.
+fn phase_integral(phase: f64) -> f64 {
+    2.0 / 3.0 * (libm::sin(phase) + (PI - phase) * libm::cos(phase))
+}
+
+#[test]
+fn a_small_ball_sends_its_light_wherever_it_is_and_however_it_is_lit() {
+    const PIXELS: u32 = 9;
+    let pixel = 1.0 / f64::from(PIXELS);
+    let mut wrong = Vec::new();
+    for diameter in [0.1, 0.25, 0.5, 1.0, 2.0] {
+        for offset in [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.21, 0.37), (0.43, -0.11), (-0.3, 0.08)] {
+            for (phase, around) in [(0.0, 0.0), (0.5, 1.0), (1.0, 2.0), (1.6, 0.3), (2.0, 4.0), (2.6, 5.2)] {
+                // So far off, and so enlarged by zoom, that all its rays are parallel almost.
+                let z = 1e4;
+                let scale = z * pixel * 1e-3;
+                let centre = DVec3::new(offset.0 * scale, offset.1 * scale, z);
+                let (s, c) = (libm::sin(phase), libm::cos(phase));
+                let towards = DVec3::new(s * libm::cos(around), s * libm::sin(around), -c);
+                let from = centre + 1e9 * towards;
+                let document = Document::new(DVec3::ZERO, DVec3::Z)
+                    .sphere(centre, 0.5 * diameter * scale, Look::matte(1.0, 1.0, 1.0))
+                    .light(from.x, from.y, from.z);
+                let view = View::new(PIXELS, PIXELS, 1e3, 1.0).unwrap();
+                let scene = Arc::new(PreparedScene::build(Arc::new(document.scene().unwrap())));
+                let settings = Settings { view, ..settings((PIXELS, PIXELS), Sampling::Adaptive) };
+                let tracer = Tracer::new(scene, settings).unwrap();
+                let (tile, _) = tracer.render_pass(whole(&settings), within(0.2));
+                let got: f64 = tile.pixels.iter().map(|p| f64::from(p[0])).sum();
+                let right = 0.25 * diameter * diameter * phase_integral(phase);
+                if (got / right - 1.0).abs() > 0.02 {
+                    wrong.push(format!("{diameter} pixels at {offset:?}, phase {phase}: {got:.6}, not {right:.6}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{} of 180 wrong:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+#[test]
+fn discs_and_polygons_cover_what_geometry_says() {
+    let size = (64, 48);
+    let white = || Document::new(DVec3::ZERO, DVec3::Z).with_background(1.0, 1.0, 1.0);
+    let black = Look::matte(0.0, 0.0, 0.0);
+    let covered = |document: &Document| f64::from(size.0 * size.1) - light(document, size, 0.25);
+    for (x, y, radius) in [(0.0, 0.0, 1.0), (0.37, -0.21, 0.6), (1.1, 0.4, 0.3), (0.2, 0.9, 0.3)] {
+        let centre = DVec3::new(x, y, 4.0);
+        // A sphere off the axis is seen as an ellipse.
+        let sine = radius / centre.length();
+        let along = centre.z / centre.length();
+        let rest = along * along - sine * sine;
+        let area = PI * (sine * (1.0 - sine * sine).sqrt() / rest) * (sine / rest.sqrt()) * f64::from(size.1 * size.1);
+        let got = covered(&white().sphere(centre, radius, black));
+        // A few hundredths of a pixel of its edge.
+        assert!((got - area).abs() < 0.02 * (1.0 + area.sqrt()), "{centre} {radius}: {got} pixels, not {area}");
+    }
+    let at = |x: f64, y: f64| DVec3::new(2.0 * x, 2.0 * y, 2.0);
+    let corners = [(-0.5, -0.4), (0.52, -0.31), (0.03, 0.43)];
+    let twice: f64 =
+        (0..3).map(|i| corners[i].0 * corners[(i + 1) % 3].1 - corners[(i + 1) % 3].0 * corners[i].1).sum();
+    let area = 0.5 * twice.abs() * f64::from(size.1 * size.1);
+    let got = covered(&white().triangle(corners.map(|(x, y)| at(x, y)), black));
+    assert!((got - area).abs() < 0.02 * (1.0 + area.sqrt()), "{got} pixels, not {area}");
+}
+
+fn scenes() -> Vec<Document> {
+    let mut scenes = vec![generate::mirrors(), generate::lights(30, 12)];
+    scenes.extend([3, 4].map(fine::everything));
+    scenes.push(fine::FINE[4].1(1, 44));
+    scenes
+}
+
+#[test]
+fn any_division_of_a_picture_gives_the_same_pixels_and_errors() {
+    let (w, h) = (70, 53);
+    let passes = [within(2.0), Pass { audit: AuditRate(9000), ..within(0.5) }];
+    let coarse = [3, 8].map(|step| Pass { detail: Detail::Coarse { step }, audit: AuditRate(60_000) });
+    for document in scenes() {
+        let tracer = tracer(&document, (w, h));
+        for pass in passes.into_iter().chain(coarse) {
+            let (all, _) = tracer.render_pass(whole(tracer.settings()), pass);
+            for edge in [7, 16, 33] {
+                let mut error = ErrorEstimate::default();
+                for region in whole(tracer.settings()).blocks(edge) {
+                    let (tile, _) = tracer.render_pass(region, pass);
+                    error += tile.error;
+                    for (k, pixel) in tile.pixels.iter().enumerate() {
+                        let (x, y) = (region.x0 + k as u32 % region.width(), region.y0 + k as u32 / region.width());
+                        let at = (y * w + x) as usize;
+                        assert_eq!(pixel.map(f32::to_bits), all.pixels[at].map(f32::to_bits), "{x},{y} by {edge}");
+                    }
+                }
+                assert_eq!(error, all.error, "{pass:?} by {edge}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_instruction_set_gives_the_same_pixels_and_errors() {
+    for document in scenes() {
+        let region = Region::new(0, 0, 60, 44).unwrap();
+        type Bits = (Vec<[u32; 3]>, ErrorEstimate, RayCounts);
+        let mut first: Option<Bits> = None;
+        for level in Level::all() {
+            let (tile, rays) = tracer(&document, (60, 44)).with_level(level).render_pass(region, within(1.0));
+            let bits = tile.pixels.iter().map(|p| p.map(f32::to_bits)).collect();
+            match &first {
+                None => first = Some((bits, tile.error, rays)),
+                Some((expected, error, counts)) => {
+                    assert!(bits == *expected, "{level:?}");
+                    assert_eq!(tile.error, *error, "{level:?}");
+                    assert_eq!((rays.camera, rays.mirror, rays.shadow), (counts.camera, counts.mirror, counts.shadow));
+                }
+            }
+        }
+    }
+}
