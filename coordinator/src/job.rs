@@ -12,6 +12,7 @@ use tessera_proto::{PixelFormat, Pixels};
 use worker::{Exact, Studio};
 
 use crate::farm::Timing;
+use crate::journal::Journal;
 use crate::plan::{Forecast, Goal};
 
 /// The scene of a job.
@@ -105,6 +106,10 @@ pub struct RenderJob {
     pub patience: Patience,
     /// How long other things may take.
     pub timing: Timing,
+    /// Where what is done is kept, if anywhere, and what an earlier run left there.
+    pub journal: Option<Arc<Journal>>,
+    /// Time that passed before the render, where it counts against a limit.
+    pub spent: Duration,
     /// What renders tiles in this process: the tracer, or in tests something else.
     pub studio: Arc<dyn Studio>,
 }
@@ -125,6 +130,8 @@ impl RenderJob {
             goal: Goal::AsSet,
             patience: Patience::default(),
             timing: Timing::default(),
+            journal: None,
+            spent: Duration::ZERO,
             studio: Arc::new(Exact),
         }
     }
@@ -151,10 +158,23 @@ pub struct Progress {
     pub pixels_total: u64,
     /// Rays of the tiles stitched.
     pub rays: RayCounts,
+    /// What of all this an earlier run did.
+    pub earlier: Earlier,
     /// Every worker that ever registered, in order of arrival.
     pub workers: Vec<WorkerStats>,
-    /// Since the render began.
+    /// Since this run's render began.
     pub elapsed: Duration,
+}
+
+/// What was taken from a journal.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Earlier {
+    /// Tiles of all passes.
+    pub tiles: u64,
+    /// Pixels of the pass at hand.
+    pub pixels_of_pass: u64,
+    /// Rays of all passes.
+    pub rays: RayCounts,
 }
 
 /// What one worker did.
@@ -195,6 +215,8 @@ pub struct Rendered {
     pub done: Vec<Region>,
     /// Rays of all parts.
     pub rays: RayCounts,
+    /// What of all this an earlier run did.
+    pub earlier: Earlier,
     /// Every worker that ever registered, in order of arrival.
     pub workers: Vec<WorkerStats>,
     /// Tiles that make up the picture.
@@ -264,6 +286,9 @@ pub enum RenderError {
     /// The picture does not fit in memory.
     #[error("there is no memory for a picture of {0} pixels")]
     Memory(u64),
+    /// What an earlier run did cannot be read any more.
+    #[error("what an earlier run did cannot be read: {0}; --restart begins anew")]
+    Journal(std::io::Error),
     /// The caller asked to stop.
     #[error("stopped")]
     Cancelled,

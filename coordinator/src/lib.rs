@@ -2,6 +2,7 @@
 
 mod farm;
 mod job;
+pub mod journal;
 pub mod measure;
 mod plan;
 pub mod povray;
@@ -9,7 +10,8 @@ mod scheduler;
 
 pub use farm::{Farm, Timing, render};
 pub use job::{
-    ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished, WorkerStats,
+    Earlier, ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished,
+    WorkerStats,
 };
 pub use plan::{Forecast, Goal};
 pub use tessera_proto::{PixelFormat, Pixels};

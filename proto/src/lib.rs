@@ -18,3 +18,9 @@ pub use pixels::{PixelFormat, Pixels};
 pub mod wire {
     tonic::include_proto!("tessera.farm.v1");
 }
+
+/// What is generated from `journal.proto`, documented there.
+#[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated; journal.proto is its documentation")]
+pub mod journal {
+    include!(concat!(env!("OUT_DIR"), "/journal/tessera.journal.v1.rs"));
+}

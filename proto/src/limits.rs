@@ -5,10 +5,12 @@ use std::time::Duration;
 /// Version of `farm.proto`.
 pub const PROTOCOL: u32 = 3;
 
-/// The program's version, equal on both sides.
-pub const BUILD: &str = env!("CARGO_PKG_VERSION");
+/// The program's version and a hash of the sources that decide pixels: what workers, journals and reports are
+/// held to.
+pub const BUILD: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("TESSERA_SOURCES"));
 
-/// How numbers become pixels: changes with anything that can change a pixel's bits.
+/// How numbers become pixels: to be raised with any change of a pixel's bits, which the golden hashes
+/// (`tests/golden`) tell.
 pub const NUMERIC_MODE: &str = "f64-nearest-denormals-2";
 
 /// Where workers are awaited unless a port is given.

@@ -10,6 +10,8 @@ pub mod compare;
 pub mod exact;
 pub mod fake;
 pub mod generate;
+pub mod golden;
+pub mod journal;
 pub mod oracle;
 pub mod peers;
 pub mod pigment;

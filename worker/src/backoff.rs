@@ -8,7 +8,7 @@ use std::time::Duration;
 pub struct Backoff {
     /// The first wait, at most.
     pub first: Duration,
-    /// The longest wait.
+    /// The longest wait: a coordinator that comes back is found so soon.
     pub longest: Duration,
 }
 

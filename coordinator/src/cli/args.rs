@@ -18,7 +18,7 @@ const STYLES: Styles = Styles::styled()
 /// Renders pm2gl scenes on any number of workers.
 #[derive(Debug, Parser)]
 #[command(
-    name = "coordinator", version, styles = STYLES, max_term_width = 100,
+    name = "coordinator", version, long_version = tessera_proto::limits::BUILD, styles = STYLES, max_term_width = 100,
     after_help = "Examples:\n  \
         coordinator render scene.xml                  scene.png, on this machine\n  \
         coordinator check scene.xml                   what is wrong with it, what is in it\n  \
@@ -45,6 +45,13 @@ pub(crate) enum Command {
         coordinator check scene.xml --json | jq .scene.objects\n\n\
         Exit code: 0 the scene is valid, warnings or not; 3 it is not.")]
     Check(Check),
+    /// Write the picture that a journal holds, as far as it is
+    #[command(after_help = "Examples:\n  \
+        coordinator picture scene.png.journal -o so-far.png\n  \
+        coordinator picture scene.png.journal -o so-far.ppm --missing '#ff00ff'\n\n\
+        The journal may be one that is being written, or that a crash left. In a PNG without --missing, what is not \
+        there is transparent.")]
+    Picture(Picture),
     /// Measure how far two pictures are apart
     #[command(after_help = "Examples:\n  \
         coordinator compare a.png b.png\n  \
@@ -103,7 +110,8 @@ const RENDER_MORE: &str = "Examples:\n  \
     4    no worker came, or all were lost for good\n  \
     5    the accuracy asked for was not reached, for want of time or otherwise; the picture is written\n  \
     130  interrupted; what was done is kept beside the target, as NAME.partial.png\n\n\
-    A first Ctrl-C stops and keeps what is done, a second one leaves at once.";
+    A first Ctrl-C stops and keeps what is done, a second one leaves at once. The same command goes on where \
+    any of these ended it, or a crash, from what is kept in OUTPUT.journal.";
 
 /// Flags of `render`.
 #[derive(Debug, ClapArgs)]
@@ -169,12 +177,35 @@ pub(crate) struct Render {
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) tile: TileArg,
 
+    /// Keep what is done in FILE, from where the same command goes on after whatever ended it; 'none' keeps nothing [default: OUTPUT.journal, as soon as a render takes 2 s; it goes when the picture is written]
+    #[arg(long, value_name = "FILE|none", help_heading = "Going on")]
+    pub(crate) journal: Option<PathBuf>,
+    /// Begin anew, whatever an earlier run left
+    #[arg(long, help_heading = "Going on")]
+    pub(crate) restart: bool,
+
     /// Write what was rendered, how long it took, how many rays, and a hash of the pixels as JSON; '-' is stdout
     #[arg(long, value_name = "FILE", help_heading = "Reporting")]
     pub(crate) report: Option<PathBuf>,
     /// How to show progress on stderr; 'auto' is a bar on a terminal, a line every 10 s elsewhere
     #[arg(long, value_name = "KIND", default_value = "auto", help_heading = "Reporting")]
     pub(crate) progress: ProgressArg,
+}
+
+/// Flags of `picture`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Picture {
+    /// The journal of a render
+    pub(crate) journal: PathBuf,
+    /// Picture to write: .png, .ppm (P6), .pfm or .exr, as far as the journal holds what it needs
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Bits of each colour in PNG and PPM files [default: as the journal has them, or 8]
+    #[arg(long, value_name = "8|16", value_parser = ["8", "16"])]
+    pub(crate) bits: Option<String>,
+    /// Colour of what is not there: #rrggbb [default: transparent in PNG files, else black]
+    #[arg(long, value_name = "COLOUR", value_parser = colour)]
+    pub(crate) missing: Option<[u8; 3]>,
 }
 
 /// Flags of `check`.
@@ -308,6 +339,13 @@ fn region(text: &str) -> Result<Region, String> {
         .ok_or_else(|| "it is empty: X1 must be above X0 and Y1 above Y0 (both ends are pixels' edges)".into())
 }
 
+fn colour(text: &str) -> Result<[u8; 3], String> {
+    let digits = text.strip_prefix('#').unwrap_or(text);
+    let number = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6 && !digits.starts_with('+'));
+    let [_, r, g, b] = number.ok_or("expected a colour as #rrggbb, such as #ff00ff")?.to_be_bytes();
+    Ok([r, g, b])
+}
+
 fn tile(text: &str) -> Result<TileArg, String> {
     if text == "auto" {
         return Ok(TileArg::Auto);
@@ -393,6 +431,15 @@ mod tests {
         assert!(target("0").is_err_and(|e| e.contains("above 0")) && target("-1").is_err());
         for bad in ["", "-1", "1/0", "0/0", "x", "1/2/3", "inf", "NaN"] {
             assert!(tolerance(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn colours_are_written_as_on_the_web() {
+        assert_eq!(colour("#ff0080"), Ok([255, 0, 128]));
+        assert_eq!(colour("00ff00"), Ok([0, 255, 0]));
+        for bad in ["", "#fff", "red", "#gg0000", "+12345", "#1234567"] {
+            assert!(colour(bad).is_err(), "{bad}");
         }
     }
 

@@ -11,10 +11,18 @@ use tessera_core::settings::Transfer;
 use super::args::Compare;
 use super::console::Console;
 use super::exit::{Exit, Failure};
+use super::files::Files;
 use super::report::transfer_name;
 
 /// Compares the pictures and says by how much they differ.
 pub(crate) fn run(raw: &Compare, console: &Console) -> Result<Exit, Failure> {
+    let mut files = Files::default();
+    for path in [&raw.a, &raw.b] {
+        files.reads("a picture to compare", path)?;
+    }
+    if let Some(path) = &raw.diff {
+        files.writes("the picture of differences", path)?;
+    }
     let diff = match &raw.diff {
         Some(path) => Some(Output::plan(path, Depth::Eight, Transfer::Srgb).map_err(Failure::usage)?),
         None => None,

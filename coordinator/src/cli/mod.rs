@@ -7,8 +7,12 @@ mod condition;
 mod console;
 mod describe;
 mod exit;
+mod files;
+mod finish;
+mod journal;
 mod measure;
 mod options;
+mod picture;
 mod progress;
 mod render;
 mod report;
@@ -48,6 +52,7 @@ pub(crate) fn run() -> Exit {
     let done = match args.command {
         Command::Render(raw) => render::run(*raw, &console, began),
         Command::Check(raw) => check::run(&raw, &console),
+        Command::Picture(raw) => picture::run(&raw, &console),
         Command::Compare(raw) => compare::run(&raw, &console),
         Command::Measure(raw) => measure::run(*raw, &console, began),
         Command::Completions { shell } => {

@@ -30,6 +30,10 @@ pub(crate) struct Options {
     pub(crate) listen: Option<String>,
     pub(crate) patience: Patience,
     pub(crate) report: Option<ReportTo>,
+    /// Where what is done is kept.
+    pub(crate) journal: Option<PathBuf>,
+    /// Whether what an earlier run left is not wanted.
+    pub(crate) restart: bool,
     pub(crate) progress: ProgressArg,
     /// What was asked for and will have no effect.
     pub(crate) notes: Vec<String>,
@@ -138,6 +142,8 @@ impl Options {
             threads: raw.threads.map_or_else(cores, usize::from),
             listen: raw.listen,
             patience: raw.wait_for_workers.map_or_else(Patience::default, Patience::from),
+            journal: super::journal::place(raw.journal, &path),
+            restart: raw.restart,
             report,
             progress: raw.progress,
             notes,

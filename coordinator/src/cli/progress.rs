@@ -110,13 +110,9 @@ fn connected(p: &Progress) -> usize {
     p.workers.iter().filter(|w| w.connected).count()
 }
 
-fn rays(p: &Progress) -> u64 {
-    p.rays.camera + p.rays.mirror + p.rays.shadow
-}
-
 fn mega_rays_per_second(p: &Progress) -> f64 {
-    let seconds = p.elapsed.as_secs_f64();
-    if seconds > 0.0 { rays(p) as f64 / seconds / 1e6 } else { 0.0 }
+    let (seconds, rays) = (p.elapsed.as_secs_f64(), p.rays.total().saturating_sub(p.earlier.rays.total()));
+    if seconds > 0.0 { rays as f64 / seconds / 1e6 } else { 0.0 }
 }
 
 /// `pass 3: 12/48 tiles  21.3 Mrays/s  2 workers  5 s to go`.
@@ -158,13 +154,26 @@ fn json(p: &Progress) -> String {
         "tiles_total": p.tiles_total,
         "pixels_done": p.pixels_done,
         "pixels_total": p.pixels_total,
-        "rays": rays(p),
+        "rays": p.rays.total(),
         "mrays_per_second": mega_rays_per_second(p),
         "workers": connected(p),
         "elapsed_seconds": p.elapsed.as_secs_f64(),
         "remaining_seconds": p.remaining.map(|d| d.as_secs_f64()),
     })
     .to_string()
+}
+
+/// What is said first where an earlier run did a share of the pass of this number, from 0.
+pub(crate) fn going_on(style: ProgressArg, (share, pass): (f64, u32)) -> Option<String> {
+    let percent = (100.0 * share).floor();
+    match (style, pass) {
+        (ProgressArg::None, _) => None,
+        (ProgressArg::Json, _) => {
+            Some(serde_json::json!({ "event": "going_on", "share": share, "pass": pass }).to_string())
+        }
+        (_, 0) => Some(format!("going on: {percent} % was done")),
+        (_, n) => Some(format!("going on: {percent} % of pass {} was done", n + 1)),
+    }
 }
 
 /// The last line of a stream of JSON: the picture is whole.
@@ -179,7 +188,7 @@ pub(crate) fn done_json(output: &Path, total: Duration) -> String {
 
 #[cfg(test)]
 mod tests {
-    use coordinator::WorkerStats;
+    use coordinator::{Earlier, WorkerStats};
     use tessera_core::trace::RayCounts;
 
     use super::*;
@@ -195,6 +204,7 @@ mod tests {
             pixels_done: 25,
             pixels_total: 100,
             rays: RayCounts { camera: 10_000_000, mirror: 0, shadow: 10_000_000, refined: 5, unresolved: 0 },
+            earlier: Earlier::default(),
             workers: vec![
                 WorkerStats { connected: true, ..WorkerStats::default() },
                 WorkerStats { connected: false, ..WorkerStats::default() },

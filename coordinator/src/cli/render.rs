@@ -4,9 +4,10 @@ use std::future::Future;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use coordinator::{Farm, Goal, Pixels, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
-use tessera_core::film::file::{Output, write_text};
-use tessera_core::film::{ErrorEstimate, PixelsRef, pixels_sha256};
+use coordinator::journal::Journal;
+use coordinator::{Farm, Goal, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use tessera_core::film::ErrorEstimate;
+use tessera_core::film::file::Output;
 use tessera_core::settings::{Detail, Quality};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
@@ -17,17 +18,81 @@ use super::args::{ProgressArg, Render};
 use super::console::Console;
 use super::describe::Description;
 use super::exit::{Exit, Failure};
+use super::files::Files;
+use super::finish::Rest;
 use super::options::{Accuracy, Options, ReportTo, resolve};
-use super::report::{Phases, Report};
-use super::{progress, scene, signals};
+use super::report::Phases;
+use super::{journal, progress, scene, signals};
 
 /// Renders as the flags say; `began` is when the program started.
 pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit, Failure> {
-    let options = Options::new(raw)?;
+    let options = Arc::new(Options::new(raw)?);
     for note in &options.notes {
         console.warning(note);
     }
-    on_runtime(options.threads, render(Arc::new(options), console, began))
+    let files = files(&options)?;
+    let stop = signals::stop_on_signal(console);
+    let (width, height) = (options.region.width(), options.region.height());
+    let room = options.output.reserve(width, height).map_err(Failure::usage)?;
+    let journal = journal::open(&options)?;
+    let job = render(options.clone(), (files, journal.clone()), (console, stop), began);
+    let ended = on_runtime(options.threads, job)?;
+    // The farm is closed: whatever its peers do, the picture is written.
+    let Ended { rendered, error, phases, description } = match ended {
+        Ok(ended) => ended,
+        Err(error) => return Err(with_journal(failure(&error), journal.as_deref())),
+    };
+    let output = if error.is_none() { options.output.clone() } else { options.output.partial() };
+    let rest =
+        Rest { options: &options, description: description.as_ref(), phases, began, journal: journal.as_deref() };
+    rest.finish(&output, &rendered, room)?;
+    let summary = summary(&output, &rendered, began);
+    match error {
+        None => {
+            // All is in its place.
+            if let Some(journal) = &journal {
+                journal.remove();
+            }
+            match options.progress {
+                ProgressArg::None => {}
+                // Whoever reads the lines of JSON reads them to the end.
+                ProgressArg::Json => console.say(&progress::done_json(output.path(), began.elapsed())),
+                _ => console.say(&summary),
+            }
+            match missed(&options, &rendered) {
+                Some(why) => Err(Failure::new(Exit::TargetMissed, why)),
+                None => Ok(Exit::Done),
+            }
+        }
+        Some(error) => {
+            let mut failure = with_journal(failure(&error), journal.as_deref());
+            failure.message = format!("{}\n{summary}", failure.message);
+            Err(failure)
+        }
+    }
+}
+
+/// Makes sure that no file is both read and written, as far as is known without the scene.
+fn files(options: &Options) -> Result<Files, Failure> {
+    let mut files = Files::default();
+    files.reads("the scene", &options.scene)?;
+    files.writes("the picture", options.output.path())?;
+    files.writes("the picture of what is done at an interruption", options.output.partial().path())?;
+    if let Some(ReportTo::File(path)) = &options.report {
+        files.writes("the report", path)?;
+    }
+    if let Some(path) = &options.journal {
+        files.writes("the journal", path)?;
+    }
+    Ok(files)
+}
+
+/// `failure`, and from where the render can go on.
+fn with_journal(mut failure: Failure, journal: Option<&Journal>) -> Failure {
+    if let Some(path) = journal.and_then(Journal::kept) {
+        failure.message += &format!("; the same command goes on from what is kept in '{}'", path.display());
+    }
+    failure
 }
 
 /// Runs `work` to its end, on a new runtime.
@@ -43,8 +108,21 @@ pub(super) fn on_runtime<T>(threads: usize, work: impl Future<Output = Result<T,
     done
 }
 
-async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Result<Exit, Failure> {
-    let stop = signals::stop_on_signal(console);
+/// What a render came to.
+struct Ended {
+    rendered: Rendered,
+    /// Why that is not all.
+    error: Option<RenderError>,
+    phases: Phases,
+    description: Option<Description>,
+}
+
+async fn render(
+    options: Arc<Options>,
+    (mut files, journal): (Files, Option<Arc<Journal>>),
+    (console, stop): (&Console, CancellationToken),
+    began: Instant,
+) -> Result<Result<Ended, RenderError>, Failure> {
     let mut farm = bind(&options, console).await?;
     // They connect while the scene is read.
     farm.hire(options.workers, options.threads);
@@ -55,6 +133,9 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     let read = unless_stopped(&stop, blocking(move || scene::read(&path))).await??;
     phases.read = reading.elapsed();
     info!(seconds = phases.read.as_secs_f64(), "scene read");
+    for path in &read.pictures {
+        files.reads("a picture of the scene", path)?;
+    }
     let scene = scene::accept(read, &options.scene, console)?;
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
@@ -68,16 +149,25 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
         SceneSource::Resolved(scene)
     };
 
-    let job = RenderJob {
+    let mut job = RenderJob {
         region: options.region,
         pixels: options.pixels,
         tile: options.tile,
         workers: options.workers,
         threads: options.threads,
-        goal: goal(&options, began),
+        goal: goal(&options),
         patience: options.patience,
+        journal,
         ..RenderJob::new(source, options.settings)
     };
+    if let Some(journal) = job.journal.clone() {
+        let checked = job.clone();
+        let share = unless_stopped(&stop, blocking(move || journal::check(&journal, &checked))).await???;
+        if let Some(said) = share.and_then(|share| progress::going_on(options.progress, share)) {
+            console.say(&said);
+        }
+    }
+    job.spent = began.elapsed();
     let last = job.scene.clone();
     let (tell, watched) = watch::channel(Progress::default());
     let shown = tokio::spawn(progress::show(progress::Style::of(options.progress), watched, console.clone()));
@@ -86,52 +176,24 @@ async fn render(options: Arc<Options>, console: &Console, began: Instant) -> Res
     rayon::spawn(move || drop(last));
     // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
     let _ = shown.await;
-
-    let (rendered, unfinished) = match ended {
-        Ok(rendered) => (rendered, None),
+    Ok(match ended {
+        Ok(rendered) => Ok(Ended { rendered, error: None, phases, description }),
         Err(Unfinished { error, partial }) => match partial.filter(|p| !p.done.is_empty()) {
-            Some(partial) => (*partial, Some(error)),
-            None => return Err(failure(&error)),
+            Some(partial) => Ok(Ended { rendered: *partial, error: Some(error), phases, description }),
+            None => Err(error),
         },
-    };
-    let output = if unfinished.is_none() { options.output.clone() } else { options.output.partial() };
-    let finish = {
-        let (options, output) = (Arc::clone(&options), output.clone());
-        move || finish(&options, &output, &rendered, description.as_ref(), phases, began).map(|()| rendered)
-    };
-    let rendered = blocking(finish).await??;
-    let summary = summary(&output, &rendered, began);
-    match unfinished {
-        None => {
-            let missed = missed(&options, &rendered);
-            match options.progress {
-                ProgressArg::None => {}
-                // Whoever reads the lines of JSON reads them to the end.
-                ProgressArg::Json => console.say(&progress::done_json(output.path(), began.elapsed())),
-                _ => console.say(&summary),
-            }
-            match missed {
-                Some(why) => Err(Failure::new(Exit::TargetMissed, why)),
-                None => Ok(Exit::Done),
-            }
-        }
-        Some(error) => {
-            let mut failure = failure(&error);
-            failure.message = format!("{}\n{summary}", failure.message);
-            Err(failure)
-        }
-    }
+    })
 }
 
 /// The farm's goal. Writing the picture takes its share of a time limit.
-fn goal(options: &Options, began: Instant) -> Goal {
+fn goal(options: &Options) -> Goal {
     match options.accuracy {
         Accuracy::Samples => Goal::AsSet,
         Accuracy::Quality(quality) => Goal::Error(quality.rmse()),
         Accuracy::Error(error) => Goal::Error(error),
         Accuracy::Time { limit, error } => {
             let writing = Duration::from_millis(20) + Duration::from_nanos(80 * options.region.area());
-            Goal::Time { limit: limit.saturating_sub(began.elapsed() + writing), error }
+            Goal::Time { limit: limit.saturating_sub(writing), error }
         }
     }
 }
@@ -189,51 +251,12 @@ pub(super) async fn unless_stopped<T>(stop: &CancellationToken, work: impl Futur
     }
 }
 
-/// Writes the picture and the report.
-fn finish(
-    options: &Options,
-    output: &Output,
-    rendered: &Rendered,
-    description: Option<&Description>,
-    mut phases: Phases,
-    began: Instant,
-) -> Result<(), Failure> {
-    let writing = Instant::now();
-    let pixels = match &rendered.image {
-        Pixels::Rgb8(p) => PixelsRef::Rgb8(p),
-        Pixels::Rgb16(p) => PixelsRef::Rgb16(p),
-        Pixels::F32(p) => PixelsRef::F32(p),
-    };
-    let failed = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, e);
-    let write = || {
-        let written = output.write(rendered.region.width(), rendered.region.height(), pixels);
-        (written, writing.elapsed())
-    };
-    // The report's hash takes about as long as the picture's file.
-    let hash = || match (&options.report, pixels) {
-        (Some(_), PixelsRef::F32(pixels)) => Some(pixels_sha256(pixels)),
-        _ => None,
-    };
-    let ((written, took), pixels_sha256) = rayon::join(write, hash);
-    written.map_err(|e| failed(&e))?;
-    phases.write = took;
-    info!(seconds = phases.write.as_secs_f64(), file = %output.path().display(), "picture written");
-    let (Some(to), Some(description)) = (&options.report, description) else { return Ok(()) };
-    let name = output.path().display().to_string();
-    let report = Report::new(options, (name, pixels_sha256), description, rendered, &phases, began.elapsed());
-    let text = report.to_text().map_err(|e| failed(&e))?;
-    match to {
-        ReportTo::Stdout => Console::new().out(&text)?,
-        ReportTo::File(path) => write_text(path, &text).map_err(|e| failed(&e))?,
-    }
-    Ok(())
-}
-
 /// One line about what was written.
 fn summary(output: &Output, rendered: &Rendered, began: Instant) -> String {
-    let rays = rendered.rays.camera + rendered.rays.mirror + rendered.rays.shadow;
+    let rays = rendered.rays.total();
     let seconds = rendered.trace.as_secs_f64();
-    let speed = if seconds > 0.0 { rays as f64 / seconds / 1e6 } else { 0.0 };
+    let traced = rays.saturating_sub(rendered.earlier.rays.total());
+    let speed = if seconds > 0.0 { traced as f64 / seconds / 1e6 } else { 0.0 };
     let part = if rendered.is_complete() {
         String::new()
     } else {
@@ -294,9 +317,11 @@ pub(super) fn failure(error: &RenderError) -> Failure {
         RenderError::NoWorkers { .. } => Exit::NoWorkers,
         RenderError::Prepare(_) | RenderError::Region(_) => Exit::Usage,
         RenderError::Cancelled => return Failure::new(Exit::Interrupted, "interrupted"),
-        RenderError::Listen { .. } | RenderError::Tile { .. } | RenderError::Memory(_) | RenderError::Internal(_) => {
-            Exit::Failed
-        }
+        RenderError::Listen { .. }
+        | RenderError::Tile { .. }
+        | RenderError::Memory(_)
+        | RenderError::Journal(_)
+        | RenderError::Internal(_) => Exit::Failed,
     };
     let remedy = match error {
         RenderError::NoWorkers { ever: false, .. } => {

@@ -7,6 +7,7 @@ use serde::Serialize;
 use tessera_core::film::Region;
 use tessera_core::settings::{Detail, Sampling, Transfer};
 use tessera_core::trace::RayCounts;
+use tessera_proto::limits::{BUILD, NUMERIC_MODE};
 
 use super::describe::Description;
 use super::options::{Accuracy as Wanted, Options};
@@ -26,6 +27,9 @@ pub(crate) struct Phases {
 pub(crate) struct Report<'a> {
     program: &'static str,
     version: &'static str,
+    /// What workers and journals are held to.
+    build: &'static str,
+    numeric_mode: &'static str,
     complete: bool,
     output: String,
     pixels_sha256: Option<String>,
@@ -33,6 +37,7 @@ pub(crate) struct Report<'a> {
     rays: Rays,
     accuracy: Accuracy,
     tiles: u64,
+    earlier: Earlier,
     workers: Vec<Worker<'a>>,
     scene: &'a Description,
     settings: SettingsReport,
@@ -56,6 +61,13 @@ struct Rays {
     refined: u64,
     unresolved: u64,
     per_second: f64,
+}
+
+/// What of the tiles and rays an earlier run did, which this one found in its journal.
+#[derive(Debug, Serialize)]
+struct Earlier {
+    tiles: u64,
+    rays: u64,
 }
 
 /// What is known of the picture's error. Errors are fractions of full scale.
@@ -159,10 +171,14 @@ struct SettingsReport {
     threads: usize,
 }
 
+fn per_second(count: u64, over: Duration) -> f64 {
+    let seconds = over.as_secs_f64();
+    if seconds > 0.0 { count as f64 / seconds } else { 0.0 }
+}
+
 impl Rays {
     fn new(rays: &RayCounts, over: Duration) -> Self {
-        let total = rays.camera + rays.mirror + rays.shadow;
-        let seconds = over.as_secs_f64();
+        let total = rays.total();
         Self {
             camera: rays.camera,
             mirror: rays.mirror,
@@ -170,7 +186,7 @@ impl Rays {
             total,
             refined: rays.refined,
             unresolved: rays.unresolved,
-            per_second: if seconds > 0.0 { total as f64 / seconds } else { 0.0 },
+            per_second: per_second(total, over),
         }
     }
 }
@@ -214,6 +230,8 @@ impl<'a> Report<'a> {
         Self {
             program: "coordinator",
             version: env!("CARGO_PKG_VERSION"),
+            build: BUILD,
+            numeric_mode: NUMERIC_MODE,
             complete: rendered.is_complete(),
             output,
             pixels_sha256,
@@ -224,9 +242,13 @@ impl<'a> Report<'a> {
                 write: phases.write.as_secs_f64(),
                 total: total.as_secs_f64(),
             },
-            rays: Rays::new(&rendered.rays, rendered.trace),
+            rays: Rays {
+                per_second: per_second(rendered.rays.total() - rendered.earlier.rays.total(), rendered.trace),
+                ..Rays::new(&rendered.rays, rendered.trace)
+            },
             accuracy: Accuracy::new(options, rendered),
             tiles: rendered.tiles,
+            earlier: Earlier { tiles: rendered.earlier.tiles, rays: rendered.earlier.rays.total() },
             workers: rendered.workers.iter().map(Worker::new).collect(),
             scene,
             settings: SettingsReport {

@@ -1,7 +1,7 @@
 //! A scene file, and what is wrong with it.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::Serialize;
@@ -21,6 +21,8 @@ pub(crate) struct Read {
     pub(crate) scene: Option<Scene>,
     /// Errors and warnings, in document order.
     pub(crate) diagnostics: Vec<Diagnostic>,
+    /// The files of its pictures.
+    pub(crate) pictures: Vec<PathBuf>,
     /// What is to be said about diagnostics that were left out.
     omitted: Option<String>,
 }
@@ -28,14 +30,15 @@ pub(crate) struct Read {
 /// Reads the scene at `path`.
 pub(crate) fn read(path: &Path) -> Read {
     match xml::read_file(path, &ReadOptions::default()) {
-        Ok(xml::Read { scene, warnings, omitted_warnings }) => Read {
+        Ok(xml::Read { scene, warnings, omitted_warnings, pictures }) => Read {
             scene: Some(scene),
             diagnostics: warnings,
+            pictures,
             omitted: (omitted_warnings > 0).then(|| format!("{omitted_warnings} more warnings")),
         },
         Err(xml::ReadError { diagnostics, cut }) => {
             let omitted = cut.then(|| "reading ended here; there may be more errors".to_owned());
-            Read { scene: None, diagnostics, omitted }
+            Read { scene: None, diagnostics, pictures: Vec::new(), omitted }
         }
     }
 }

@@ -16,13 +16,12 @@ use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
 use super::pace::Pace;
-use super::passing::Passing;
+use super::passes::{Passes, Turn};
 use super::pulse::Pulse;
 use super::service::{BROKE, Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, WorkerStats};
-use crate::plan::{Outcome, Plan, Step};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
 
 /// Workers that may register in one render, reconnections of the same one not counted.
@@ -62,12 +61,13 @@ pub(super) struct Driver {
     tiles: mpsc::Sender<Stitch>,
     progress: watch::Sender<Progress>,
     start: Instant,
-    plan: Plan,
-    pass: Passing,
-    /// Pixels of the picture.
-    area: Region,
+    passes: Passes,
     pace: Pace,
     timing: Timing,
+    /// Whether the scheduler has begun a pass.
+    leasing: bool,
+    /// Tiles of the pass at hand that an earlier run did.
+    tiles_of_pass: u64,
     seats: BTreeMap<WorkerKey, Seat>,
     places: HashMap<InstanceId, usize>,
     /// Workers that broke the rules, and how.
@@ -85,15 +85,13 @@ impl Driver {
         heard: mpsc::Receiver<Heard>,
         tiles: mpsc::Sender<Stitch>,
         progress: watch::Sender<Progress>,
-        (plan, area): (Plan, Region),
+        passes: Passes,
         (start, timing): (Instant, Timing),
     ) -> Self {
         Self {
             scheduler,
-            pace: Pace::new(plan.limit()),
-            plan,
-            pass: Passing::default(),
-            area,
+            pace: Pace::new(passes.limit()),
+            passes,
             door,
             pixels,
             heard,
@@ -101,6 +99,8 @@ impl Driver {
             progress,
             start,
             timing,
+            leasing: false,
+            tiles_of_pass: 0,
             seats: BTreeMap::new(),
             places: HashMap::new(),
             banned: HashMap::new(),
@@ -111,19 +111,22 @@ impl Driver {
     }
 
     /// Renders until the end, and dismisses the workers. Also says when the end was.
-    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passing, Plan) {
-        let first = self.plan.first();
-        self.begin(first);
+    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passes) {
+        let first = self.passes.first();
+        let mut end = self.begin(first).await;
         // Far off where there is none.
-        let limit = self.plan.limit().unwrap_or(Duration::from_secs(1 << 32));
+        let deadline = self.passes.deadline().unwrap_or(self.start + Duration::from_secs(1 << 32));
         let end = loop {
+            if let Some(end) = end {
+                break end;
+            }
             let wake = self.start + self.scheduler.wake_at();
-            let end = tokio::select! {
+            end = tokio::select! {
                 biased;
                 () = cancel.cancelled() => break Err(RenderError::Cancelled),
                 // A picture that is whole comes first, however short the time.
-                () = sleep_until(self.start + limit), if self.pass.whole > 0 => {
-                    self.pass.timed_out = true;
+                () = sleep_until(deadline), if self.passes.is_whole() => {
+                    self.passes.timed_out = true;
                     break Ok(());
                 }
                 heard = self.heard.recv() => match heard {
@@ -132,75 +135,38 @@ impl Driver {
                 },
                 () = sleep_until(wake) => self.tell(Event::Tick, None).await,
             };
-            if let Some(end) = end {
-                break end;
-            }
         };
         let ended = Instant::now();
         if end.is_ok() {
             self.progress.send_modify(|p| (p.share, p.remaining) = (1.0, Some(Duration::ZERO)));
         }
         self.dismiss().await;
-        (end, ended, self.pass, self.plan)
+        (end, ended, self.passes)
     }
 
-    /// Begins a pass.
-    fn begin(&mut self, step: Step) {
-        let all = if step.regions.is_empty() { vec![self.area] } else { step.regions.clone() };
-        let pixels = all.iter().map(Region::area).sum::<u64>();
-        let work = all.iter().map(|r| self.plan.work(r)).sum();
-        self.pace.begin(self.start.elapsed(), work, step.kept, self.plan.expected());
-        self.pass.begun += 1;
-        self.pass.kept = step.kept;
-        self.pass.began = self.start.elapsed();
-        self.pass.at_hand = Outcome::default();
-        self.pass.detail = step.pass;
-        if self.pass.whole == 0 && step.kept {
-            self.pass.pass = step.pass;
-        }
+    /// Begins what comes next, or ends the render where nothing does.
+    async fn begin(&mut self, turn: Turn) -> Option<Result<(), RenderError>> {
+        let (pass, is_look) = self.passes.at_hand();
         self.progress.send_modify(|p| {
-            (p.tiles_done, p.pixels_done) = (0, 0);
-            p.pixels_total = pixels;
-            (p.pass, p.is_look) = (self.pass.begun, !step.kept);
+            (p.tiles_done, p.pixels_done, p.pixels_total) = (turn.tiles_done, turn.pixels_done, turn.pixels);
+            p.rays += turn.rays;
+            p.earlier.rays += turn.rays;
+            p.earlier.tiles += turn.tiles;
+            p.earlier.pixels_of_pass = turn.pixels_done;
+            (p.pass, p.is_look) = (pass, is_look);
         });
-        if self.pass.begun == 1 {
-            self.scheduler.begin_first(step.pass, step.regions);
-        } else {
+        self.tiles_of_pass = turn.tiles_done;
+        if !turn.again.is_empty() && self.tiles.send(Stitch::Again(turn.again)).await.is_err() {
+            return Some(Err(RenderError::Internal("the stitcher stopped".into())));
+        }
+        let Some(step) = turn.step else { return Some(Ok(())) };
+        self.pace.begin(self.start.elapsed(), turn.work, step.kept, self.passes.expected());
+        if std::mem::replace(&mut self.leasing, true) {
             self.scheduler.begin(step.pass, step.regions, step.dearer);
+        } else {
+            self.scheduler.begin_first(step.pass, step.regions);
         }
-    }
-
-    /// Ends a pass. Gives the end of the render where it was the last one.
-    fn passed(&mut self) -> Option<Result<(), RenderError>> {
-        let now = self.start.elapsed();
-        let mut outcome = std::mem::take(&mut self.pass.at_hand);
-        (outcome.took, outcome.now) = (now.saturating_sub(self.pass.began), now);
-        tracing::info!(
-            pass = self.pass.begun,
-            kept = self.pass.kept,
-            pixels = outcome.error.pixels,
-            detail = ?self.pass.detail.map(|p| p.detail),
-            audited = outcome.error.audited,
-            steps = 255.0 * outcome.error.rmse(),
-            up_to = 255.0 * outcome.error.interval().1,
-            expected = 255.0 * outcome.error.expected_rmse(),
-            seconds = outcome.took.as_secs_f64(),
-            "pass done"
-        );
-        let next = self.plan.next(&outcome);
-        if self.pass.kept {
-            self.pass.whole += 1;
-            self.pass.picture = outcome;
-            self.pass.pass = self.pass.detail;
-        }
-        self.pass.timed_out = self.plan.limit().is_some_and(|limit| limit <= now);
-        match next {
-            Some(step) => {
-                self.begin(step);
-                None
-            }
-            None => Some(Ok(())),
-        }
+        None
     }
 
     async fn hear(&mut self, heard: Heard) -> Option<Result<(), RenderError>> {
@@ -255,11 +221,14 @@ impl Driver {
     /// Tells the scheduler, and does what it asks for, from pass to pass. `done` is the tile at hand.
     async fn tell(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
         match self.tell_once(event, done).await {
-            Some(Ok(())) => match self.passed() {
-                // Nothing is done at once, so that this goes no deeper.
-                None => self.tell_once(Event::Tick, None).await,
-                end => end,
-            },
+            Some(Ok(())) => {
+                let turn = self.passes.passed();
+                match self.begin(turn).await {
+                    // Nothing is done at once, so that this goes no deeper.
+                    None => self.tell_once(Event::Tick, None).await,
+                    end => end,
+                }
+            }
             end => end,
         }
     }
@@ -290,14 +259,9 @@ impl Driver {
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
                     self.count(worker, region, done);
-                    self.pass.at_hand.error += done.error;
-                    if self.plan.wants_tiles() {
-                        self.pass.at_hand.tiles.push((region, done.error));
-                    }
-                    if !self.pass.kept {
-                        continue;
-                    }
-                    let stitch = Stitch { region, pixels: done.pixels.clone(), first: self.pass.whole == 0 };
+                    let name = self.name(worker);
+                    let Some(first) = self.passes.accept(region, done, name) else { continue };
+                    let stitch = Stitch::New { region, pixels: done.pixels.clone(), first };
                     // Waits where stitching is slower than the farm; so, then, do the workers.
                     if self.tiles.send(stitch).await.is_err() {
                         end = Some(Err(RenderError::Internal("the stitcher stopped".into())));
@@ -499,13 +463,14 @@ impl Driver {
     }
 
     fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
-        let (tiles_total, elapsed) = (self.scheduler.tiles_estimate(), self.start.elapsed());
-        self.pace.add(self.plan.work(&region));
+        let (tiles_total, earlier, elapsed) =
+            (self.scheduler.tiles_estimate(), self.tiles_of_pass, self.start.elapsed());
+        self.pace.add(self.passes.work(&region));
         let (share, remaining) = self.pace.tell(elapsed);
         let place = self.seats.get(&worker).map(|s| s.place);
         self.progress.send_modify(|p| {
             p.tiles_done += 1;
-            p.tiles_total = tiles_total.max(p.tiles_done);
+            p.tiles_total = (tiles_total + earlier).max(p.tiles_done);
             p.pixels_done += region.area();
             p.rays += done.rays;
             (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining);
@@ -527,7 +492,7 @@ impl Driver {
         let mut waiting: Vec<WorkerKey> = self.seats.keys().copied().collect();
         // A worker leaves when it has heard; its stream must stay open until then.
         // Nobody waits for tiles that come too late.
-        let deadline = Instant::now() + if self.pass.timed_out { Duration::from_millis(10) } else { GOODBYE_WITHIN };
+        let deadline = Instant::now() + if self.passes.timed_out { Duration::from_millis(10) } else { GOODBYE_WITHIN };
         while !waiting.is_empty() {
             match timeout_at(deadline, self.heard.recv()).await {
                 Ok(Some(Heard::Left { worker, .. })) => waiting.retain(|w| *w != worker),

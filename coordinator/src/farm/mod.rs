@@ -3,7 +3,7 @@
 mod driver;
 mod incoming;
 mod pace;
-mod passing;
+mod passes;
 mod pulse;
 mod service;
 mod stitch;
@@ -11,6 +11,7 @@ mod timing;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
+use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::settings::Sampling;
@@ -25,9 +26,11 @@ use tonic::transport::Server;
 use worker::{LocalScene, TileTracer};
 
 use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use crate::journal::{Found, Head, Sink};
 use crate::plan::Plan;
 use crate::scheduler::{self, Scheduler};
 use driver::Driver;
+use passes::{Clock, Passes};
 use service::{Door, Heard, Offer, Service};
 use stitch::Stitched;
 
@@ -167,45 +170,51 @@ impl Farm {
             dead_after: job.timing.dead_after,
             prepare_within: job.timing.prepare_within,
         });
-        let (tiles, stitcher) = stitch::start(job.region, job.pixels);
+        let (sink, found) = keep(&job);
+        let clock = Clock { start, before: job.spent + found.as_ref().map_or(Duration::ZERO, |f| f.spent) };
+        let (left, reader) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader)));
+        let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
+        let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader).map_err(|e| internal(&e))?;
         let plan = Plan::new(job.goal, whole, job.region);
-        let driver = Driver::new(
-            scheduler,
-            (door, job.pixels),
-            heard,
-            tiles,
-            progress.clone(),
-            (plan, job.region),
-            (start, job.timing),
-        );
-        let (ended, end, passing, plan) = driver.run(&cancel).await;
-        let stitched = stitcher.await.map_err(|e| RenderError::Internal(e.to_string()))?;
-        let Stitched { image, done } = stitched.ok_or_else(|| RenderError::Memory(job.region.area()))?;
+        let passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
+        let driver =
+            Driver::new(scheduler, (door, job.pixels), heard, tiles, progress.clone(), passes, (start, job.timing));
+        let (ended, end, passes) = driver.run(&cancel).await;
+        let Stitched { image, done } = stitcher.await.map_err(|e| internal(&e))??;
         drop((server, hired, closing));
 
         let p = progress.borrow().clone();
         let (tiles, trace) = (done.len() as u64, end - start);
-        let error = passing.error();
+        let error = passes.error();
         let rendered = Rendered {
             region: job.region,
             image,
             done,
             rays: p.rays,
+            earlier: p.earlier,
             workers: p.workers,
             tiles,
             trace,
             error: (error.pixels > 0).then_some(error),
-            target_met: plan.is_met(&error),
-            pass: passing.pass,
-            forecast: passing.forecast(),
-            passes: passing.begun,
-            timed_out: passing.timed_out,
+            target_met: passes.is_met(&error),
+            pass: passes.pass,
+            forecast: passes.forecast(),
+            passes: passes.begun,
+            timed_out: passes.timed_out,
         };
         match ended {
             Ok(()) => Ok(rendered),
             Err(error) => Err(Unfinished { error, partial: Some(Box::new(rendered)) }),
         }
     }
+}
+
+/// Starts the job's journal, if it has one, and gives what an earlier run left in it.
+fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
+    let Some(journal) = &job.journal else { return (None, None) };
+    let (scene, goal) = (job.scene.scene().clone(), job.goal);
+    let (settings, region, pixels) = (job.settings, job.region, job.pixels);
+    journal.start(move || Head::new(&scene, settings, region, pixels, goal))
 }
 
 /// What renders tiles in this process, one for all its workers.

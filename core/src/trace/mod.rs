@@ -69,6 +69,14 @@ pub enum Refinement {
     Off,
 }
 
+impl RayCounts {
+    /// Rays of every kind.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.camera + self.mirror + self.shadow
+    }
+}
+
 impl std::ops::AddAssign for RayCounts {
     fn add_assign(&mut self, o: Self) {
         self.camera += o.camera;

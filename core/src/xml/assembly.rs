@@ -66,6 +66,13 @@ impl<'b> Assembly<'b> {
         }
     }
 
+    /// The files of the pictures loaded so far, links resolved.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        let mut files: Vec<_> = self.by_path.keys().cloned().collect();
+        files.sort();
+        files
+    }
+
     fn picture(&mut self, name: String, at: Range<usize>) -> Option<PictureId> {
         if let Some(known) = self.by_name.get(&name) {
             return *known;

@@ -42,7 +42,7 @@ mod world;
 
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use diagnostic::{Code, Diagnostic, Place, Severity};
 
@@ -82,6 +82,8 @@ pub struct Read {
     pub warnings: Vec<Diagnostic>,
     /// Warnings beyond [`ReadOptions::max_warnings`].
     pub omitted_warnings: usize,
+    /// The files of its pictures, links resolved.
+    pub pictures: Vec<PathBuf>,
 }
 
 /// Why there is no scene.
@@ -187,10 +189,11 @@ fn read(
     if errors > 0 {
         return Err(ReadError { diagnostics, cut: assembly.cut || errors > limits.errors });
     }
+    let pictures = assembly.files();
     match assembly.scene.finish() {
         Ok(scene) => {
             let omitted_warnings = assembly.findings.warnings.saturating_sub(diagnostics.len());
-            Ok(Read { scene, warnings: diagnostics, omitted_warnings })
+            Ok(Read { scene, warnings: diagnostics, omitted_warnings, pictures })
         }
         Err(invalid) => Err(failed(name, format!("the scene cannot be built: {invalid}"))),
     }
@@ -209,7 +212,8 @@ fn streamed(
     let limits = options.limits();
     let (assembly, warnings) = stream::read(fetch, (length, name), blocks, limits, base_dir)?;
     let omitted_warnings = assembly.findings.warnings.saturating_sub(warnings.len());
-    Some(Read { scene: assembly.scene.finish().ok()?, warnings, omitted_warnings })
+    let pictures = assembly.files();
+    Some(Read { scene: assembly.scene.finish().ok()?, warnings, omitted_warnings, pictures })
 }
 
 /// The findings that are to be reported, in document order, with their places.

@@ -19,6 +19,25 @@ pub fn describe(scene: &Scene) -> (SceneHash, u64) {
     (SceneHash(hash.finalize().into()), length)
 }
 
+/// The hash of `scene`'s binary form without the pictures that its objects show, and that of the pictures alone.
+#[must_use]
+pub fn describe_parts(scene: &Scene) -> (SceneHash, SceneHash) {
+    let (mut plain, mut pictures) = (Sha256::new(), Sha256::new());
+    let mut encoder = SceneEncoder::new(scene, crate::limits::SCENE_PIECE_BYTES);
+    let shown = std::mem::take(&mut encoder.used.pictures);
+    encoder.for_each(|piece| plain.update(&piece));
+    for picture in shown.into_iter().map(|index| &scene.pictures()[index]) {
+        for n in [picture.width(), picture.height(), picture.maxval().into()] {
+            pictures.update(n.to_le_bytes());
+        }
+        pictures.update(picture.bytes().unwrap_or_default());
+        for words in picture.words().unwrap_or_default().chunks(1 << 12) {
+            pictures.update(words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>());
+        }
+    }
+    (SceneHash(plain.finalize().into()), SceneHash(pictures.finalize().into()))
+}
+
 /// Pieces of a scene's binary form, each of the given length but for the last.
 /// The same for equal scenes, whatever pieces are asked for.
 #[derive(Debug)]

@@ -7,7 +7,7 @@ mod encode;
 mod tests;
 
 pub use decode::{SceneDecoder, SceneError};
-pub use encode::{SceneEncoder, describe};
+pub use encode::{SceneEncoder, describe, describe_parts};
 
 const MAGIC: &[u8; 8] = b"TSRSCN01";
 

@@ -17,6 +17,7 @@ use tokio::sync::watch;
 use super::args::ProgressArg;
 use super::console::Console;
 use super::exit::{Exit, Failure};
+use super::files::Files;
 use super::progress::{Style, done_json};
 use super::render::{blocking, failure, on_runtime, unless_stopped};
 use super::{scene, signals};
@@ -37,7 +38,9 @@ struct Options {
     settings: Settings,
     workers: usize,
     threads: usize,
-    files: Files,
+    files: Results,
+    /// What is read and written.
+    uses: Files,
     reference: Option<Reference>,
 }
 
@@ -51,7 +54,15 @@ impl Options {
             sampling: Sampling::Uniform { grid: 1 },
             transfer: raw.transfer.into(),
         };
-        let files = Files::plan(raw.output.as_deref(), &raw.scene)?;
+        let files = Results::plan(raw.output.as_deref(), &raw.scene)?;
+        let mut uses = Files::default();
+        uses.reads("the scene", &raw.scene)?;
+        if let Some(path) = &raw.reference {
+            uses.reads("the reference", path)?;
+        }
+        for path in [&*files.csv, &*files.json, &*files.svg, files.png.path()] {
+            uses.writes("a result", path)?;
+        }
         let reference = match &raw.reference {
             Some(path) => Some(Reference::read(path, raw.size, settings.transfer).map_err(Failure::usage)?),
             None => None,
@@ -62,6 +73,7 @@ impl Options {
             threads: raw.threads.map_or_else(cores, usize::from),
             settings,
             files,
+            uses,
             reference,
             raw,
         })
@@ -97,14 +109,14 @@ fn quoted(path: &Path) -> String {
 }
 
 /// Where results go.
-struct Files {
+struct Results {
     csv: PathBuf,
     json: PathBuf,
     svg: PathBuf,
     png: Output,
 }
 
-impl Files {
+impl Results {
     /// The files named `prefix`, in any case known to be writable.
     fn plan(prefix: Option<&Path>, scene: &Path) -> Result<Self, Failure> {
         let mut name = match prefix {
@@ -175,6 +187,9 @@ async fn measure(mut options: Options, console: &Console, began: Instant) -> Res
     let path = options.raw.scene.clone();
     let read = unless_stopped(&stop, blocking(move || scene::read(&path))).await??;
     let reading = reading.elapsed();
+    for path in &read.pictures {
+        options.uses.reads("a picture of the scene", path)?;
+    }
     let scene = scene::accept(read, &options.raw.scene, console)?;
     let building = Instant::now();
     let prepared = unless_stopped(&stop, blocking(move || PreparedScene::build(scene))).await??;

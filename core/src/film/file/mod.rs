@@ -7,7 +7,8 @@ mod output;
 mod png;
 mod read;
 
-pub use output::{Output, OutputError, plan_text, write_text};
+pub use atomic::remove_temporaries;
+pub use output::{Output, OutputError, Reserved, plan_text, write_text};
 pub use read::{ReadError, Stored, read};
 
 use std::path::Path;

@@ -1,10 +1,10 @@
 //! Where a picture will go: checked before it is rendered, written whole or not at all.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use super::atomic::Temporary;
+use super::atomic::{Temporary, is_no_room};
 use super::{Depth, Kind, exr, netpbm, png};
 use crate::film::encode;
 use crate::film::image::PixelsRef;
@@ -34,6 +34,9 @@ pub enum OutputError {
     /// The name belongs to a folder, device or FIFO.
     #[error("'{}' exists and is {}, not a file; choose another name", .0.display(), .1)]
     NotAFile(PathBuf, &'static str),
+    /// The disk is full.
+    #[error("'{}' will not fit on its disk: it may take {} bytes, and {}; make room, or choose another place", .0.display(), .1, .2)]
+    NoRoom(PathBuf, u64, io::Error),
     /// The system refused while the picture was being written.
     #[error("cannot write '{}': {}", .0.display(), .1)]
     Write(PathBuf, io::Error),
@@ -96,6 +99,7 @@ fn place(path: &Path) -> Result<PathBuf, OutputError> {
         Ok(m) if !m.is_file() => return Err(OutputError::NotAFile(path.into(), "a device, FIFO or socket")),
         _ => {}
     }
+    Temporary::clear_leftovers(&target);
     // The one sure way to know that files can be made is to make one.
     drop(Temporary::beside(&target).map_err(|e| OutputError::Folder(folder, e))?);
     Ok(target)
@@ -107,13 +111,37 @@ fn write_whole(
     target: &Path,
     write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> Result<(), OutputError> {
+    let temporary = Temporary::beside(target).map_err(|e| OutputError::Write(path.into(), e))?;
+    fill(temporary, path, target, write, false)
+}
+
+/// Writes `temporary` and gives it the name `target`; `durable`: not before it is on the disk.
+fn fill(
+    mut temporary: Temporary,
+    path: &Path,
+    target: &Path,
+    write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+    durable: bool,
+) -> Result<(), OutputError> {
+    let whole = || {
+        let file = temporary.file();
+        let mut to = BufWriter::with_capacity(1 << 18, &mut *file);
+        write(&mut to)?;
+        to.flush()?;
+        drop(to);
+        // More may have been reserved.
+        let end = file.stream_position()?;
+        file.set_len(end)?;
+        if durable { file.sync_data() } else { Ok(()) }
+    };
     let failed = |e| OutputError::Write(path.into(), e);
-    let mut temporary = Temporary::beside(target).map_err(failed)?;
-    let mut to = BufWriter::with_capacity(1 << 18, temporary.file());
-    write(&mut to).and_then(|()| to.flush()).map_err(failed)?;
-    drop(to);
+    whole().map_err(failed)?;
     temporary.keep(target).map_err(failed)
 }
+
+/// Room on the disk for a picture to come; given back when dropped.
+#[derive(Debug)]
+pub struct Reserved(Temporary);
 
 impl Output {
     /// Makes sure that a picture can be written to `path`: its kind is known, its folder
@@ -167,6 +195,107 @@ impl Output {
         write_whole(&self.path, &self.target, |to| self.encode(width, height, pixels, to))
     }
 
+    /// The same at another place.
+    ///
+    /// # Errors
+    /// As [`Self::plan`].
+    pub fn at(&self, path: &Path) -> Result<Self, OutputError> {
+        Self::plan(path, self.depth, self.transfer)
+    }
+
+    /// Takes room on the disk for a picture of `width` × `height`, as much as it may need at most.
+    ///
+    /// # Errors
+    /// [`OutputError::NoRoom`] where the disk has not so much, [`OutputError::Folder`] where it takes no files.
+    pub fn reserve(&self, width: u32, height: u32) -> Result<Reserved, OutputError> {
+        let folder = || self.target.parent().unwrap_or(Path::new("")).to_path_buf();
+        let mut temporary = Temporary::beside(&self.target).map_err(|e| OutputError::Folder(folder(), e))?;
+        let bytes = self.bytes_at_most(width, height);
+        match temporary.reserve(bytes) {
+            Err(e) if is_no_room(&e) => Err(OutputError::NoRoom(self.path.clone(), bytes, e)),
+            // Elsewhere it is found out when it is written.
+            _ => Ok(Reserved(temporary)),
+        }
+    }
+
+    /// Bytes of a file of `width` × `height` pixels, where nothing in it can be compressed.
+    fn bytes_at_most(&self, width: u32, height: u32) -> u64 {
+        let component = match (self.kind.is_float(), self.depth) {
+            (true, _) => 4,
+            (false, Depth::Eight) => 1,
+            (false, Depth::Sixteen) => 2,
+        };
+        let raw = 3 * component * u64::from(width) * u64::from(height);
+        let more = match self.kind {
+            Kind::Ppm | Kind::Pfm => 64,
+            // A byte a row for its filter; five for each stored block.
+            Kind::Png => u64::from(height) + raw / 1000 + 4096,
+            // Tables and heads of blocks.
+            Kind::Exr => 64 * u64::from(height) + raw / 1000 + 65_536,
+        };
+        raw + more
+    }
+
+    /// As [`Self::write`], into room that was reserved, be it for this output or another one in its folder. With
+    /// `durable` the file is on the disk before it bears its name.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn write_reserved(
+        &self,
+        room: Reserved,
+        (width, height): (u32, u32),
+        pixels: PixelsRef<'_>,
+        durable: bool,
+    ) -> Result<(), OutputError> {
+        fill(room.0, &self.path, &self.target, |to| self.encode(width, height, pixels, to), durable)
+    }
+
+    /// As [`Self::write`], but pixels that are not `present` are transparent where the file can say so.
+    ///
+    /// # Errors
+    /// As [`Self::write`], or when `present` are not as many as pixels.
+    pub fn write_part(
+        &self,
+        (width, height): (u32, u32),
+        pixels: PixelsRef<'_>,
+        present: &[bool],
+    ) -> Result<(), OutputError> {
+        write_whole(&self.path, &self.target, |to| match self.kind {
+            Kind::Png if present.contains(&false) => {
+                let codes = self.with_alpha(pixels, present)?;
+                png::write(to, (width, height), (self.depth, true), &codes, self.transfer)
+            }
+            _ => self.encode(width, height, pixels, to),
+        })
+    }
+
+    /// Big-endian codes of the depth of this output, each pixel followed by whether it is there.
+    fn with_alpha(&self, pixels: PixelsRef<'_>, present: &[bool]) -> io::Result<Vec<u8>> {
+        if pixels.len() != present.len() {
+            return Err(io::Error::other("the pixels are not as many as said"));
+        }
+        let alpha = |there: &bool| if *there { u16::MAX } else { 0 };
+        Ok(match (self.depth, pixels) {
+            (Depth::Eight, PixelsRef::F32(p)) => {
+                return self.with_alpha(PixelsRef::Rgb8(&encode::to_bytes(self.transfer, p)), present);
+            }
+            (Depth::Sixteen, PixelsRef::F32(p)) => {
+                return self.with_alpha(PixelsRef::Rgb16(&encode::to_words(self.transfer, p)), present);
+            }
+            (Depth::Eight, PixelsRef::Rgb8(p)) => {
+                p.iter().zip(present).flat_map(|(&[r, g, b], there)| [r, g, b, alpha(there) as u8]).collect()
+            }
+            (Depth::Sixteen, PixelsRef::Rgb16(p)) => p
+                .iter()
+                .zip(present)
+                .flat_map(|(&[r, g, b], there)| [r, g, b, alpha(there)].map(u16::to_be_bytes))
+                .flatten()
+                .collect(),
+            _ => return Err(io::Error::other("the pixels are not of the depth that the file holds")),
+        })
+    }
+
     fn encode(&self, width: u32, height: u32, pixels: PixelsRef<'_>, to: &mut impl Write) -> io::Result<()> {
         if pixels.len() as u64 != u64::from(width) * u64::from(height) || pixels.is_empty() {
             return Err(io::Error::other(format!("{} pixels are no picture of {width}x{height}", pixels.len())));
@@ -183,7 +312,7 @@ impl Output {
                 self.encode(width, height, PixelsRef::Rgb16(&codes), to)
             }
             (Kind::Png, Depth::Eight, PixelsRef::Rgb8(p)) => {
-                png::write(to, width, height, Depth::Eight, p.as_flattened(), self.transfer)
+                png::write(to, (width, height), (Depth::Eight, false), p.as_flattened(), self.transfer)
             }
             (Kind::Ppm, Depth::Eight, PixelsRef::Rgb8(p)) => {
                 netpbm::write_ppm(to, width, height, Depth::Eight, p.as_flattened())
@@ -191,7 +320,7 @@ impl Output {
             (kind, Depth::Sixteen, PixelsRef::Rgb16(p)) if !kind.is_float() => {
                 let bytes: Vec<u8> = p.as_flattened().iter().flat_map(|w| w.to_be_bytes()).collect();
                 if kind == Kind::Png {
-                    png::write(to, width, height, Depth::Sixteen, &bytes, self.transfer)
+                    png::write(to, (width, height), (Depth::Sixteen, false), &bytes, self.transfer)
                 } else {
                     netpbm::write_ppm(to, width, height, Depth::Sixteen, &bytes)
                 }

@@ -10,12 +10,11 @@ use super::read::{ReadError, Stored};
 use crate::film::image::Image;
 use crate::settings::Transfer;
 
-/// Big-endian RGB codes, with what they mean declared: sRGB, or a gamma of 1.
+/// Big-endian RGB codes, each followed by alpha if there is any, with what they mean declared: sRGB, or a gamma of 1.
 pub(super) fn write(
     to: &mut impl Write,
-    width: u32,
-    height: u32,
-    depth: Depth,
+    (width, height): (u32, u32),
+    (depth, alpha): (Depth, bool),
     codes: &[u8],
     transfer: Transfer,
 ) -> io::Result<()> {
@@ -24,7 +23,7 @@ pub(super) fn write(
         e => io::Error::other(e),
     };
     let mut encoder = Encoder::new(to, width, height);
-    encoder.set_color(ColorType::Rgb);
+    encoder.set_color(if alpha { ColorType::Rgba } else { ColorType::Rgb });
     encoder.set_depth(if depth == Depth::Eight { BitDepth::Eight } else { BitDepth::Sixteen });
     encoder.set_compression(Compression::Fast);
     encoder.set_filter(Filter::Paeth);

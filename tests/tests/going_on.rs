@@ -1,0 +1,305 @@
+//! Renders that are killed, interrupted and refused, and go on.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
+#![cfg(unix)]
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use rustix::process::Signal;
+use serde_json::Value;
+use tempfile::{TempDir, tempdir};
+use tessera_core::film::file::{Stored, read};
+use tessera_tests::generate::Random;
+use tessera_tests::journal::Contents;
+use tessera_tests::process::Process;
+use tessera_tests::program::{Ended, Running, coordinator, run, scene};
+
+fn names(folder: &Path) -> BTreeSet<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
+}
+
+fn set<const N: usize>(names: [&str; N]) -> BTreeSet<String> {
+    names.map(String::from).into()
+}
+
+/// `render` of a scene of the repository, its output and flags.
+fn command(at: &Path, of: &str, flags: &str) -> Command {
+    let path = scene(of);
+    let mut command = coordinator(at, ["render", path.to_str().unwrap()]);
+    command.args(flags.split_whitespace());
+    command
+}
+
+/// Starts a render and waits until its journal holds something.
+fn begin(at: &TempDir, of: &str, flags: &str, journal: &str) -> Running {
+    let mut command = command(at.path(), of, flags);
+    let running = Running::start(command.args(["--progress", "json"]).stdout(Stdio::null()));
+    let path = at.path().join(journal);
+    for _ in 0..6000 {
+        if !Contents::read(&path).tiles.is_empty() {
+            return running;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    panic!("no journal");
+}
+
+fn kill(running: Running) {
+    running.signal("KILL");
+    let _ = running.wait();
+}
+
+fn picture(at: &TempDir, name: &str) -> Stored {
+    read(&at.path().join(name)).unwrap()
+}
+
+/// More than any test renders, and not too dear to be gone on with.
+const LONG: &str = "-o long.png --size 2000x2000 --samples 256 --tile 16 --threads 2";
+
+/// Times that each job is killed; more of them where someone has the time.
+fn kills() -> u32 {
+    std::env::var("TESSERA_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
+}
+
+/// Kills a render at random instants and lets it go on each time; its end must be the quiet run's.
+fn survives(of: &str, flags: &str, seed: u64) {
+    let at = tempdir().unwrap();
+    let quiet = run_to_end(at.path(), of, &format!("{flags} -o quiet.pfm --report quiet.json --journal none"));
+    assert_eq!(quiet.code, Some(0), "{}", quiet.err);
+    let flags = format!("{flags} -o a.pfm --report a.json");
+    kill(begin(&at, of, &flags, "a.pfm.journal"));
+    let journal = at.path().join("a.pfm.journal");
+    let (mut random, mut before) = (Random::new(seed), Contents::read(&journal));
+    let mut killed = 1;
+    while killed < kills() {
+        let mut child = command(at.path(), of, &flags).stderr(Stdio::null()).spawn().unwrap();
+        std::thread::sleep(Duration::from_micros(40_000 + random.below(260_000)));
+        child.kill().unwrap();
+        if child.wait().unwrap().code().is_some() {
+            // It was done before it could be killed.
+            break;
+        }
+        killed += 1;
+        let now = Contents::read(&journal);
+        // Nothing that was kept is lost, nothing of it done again.
+        assert!(now.tiles.starts_with(&before.tiles) && now.passed.starts_with(&before.passed), "kill {killed}");
+        assert!(now.pixels() >= before.pixels(), "kill {killed}");
+        before = now;
+    }
+    let (kept, tiles) = (before.pixels(), before.tiles.len());
+    println!("{of}: killed {killed} times, {tiles} tiles and {kept} pixels kept before the last run");
+    if journal.exists() {
+        let last = run_to_end(at.path(), of, &flags);
+        assert_eq!(last.code, Some(0), "{}", last.err);
+        assert!(last.err.contains("going on: "), "{}", last.err);
+        let text = std::fs::read_to_string(at.path().join("a.json")).unwrap();
+        let report: Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(report["earlier"]["tiles"].as_u64(), Some(tiles as u64));
+    }
+    let report = |name: &str| -> Value {
+        serde_json::from_str(&std::fs::read_to_string(at.path().join(name)).unwrap()).unwrap()
+    };
+    let (a, quiet) = (report("a.json"), report("quiet.json"));
+    for key in ["pixels_sha256", "complete"] {
+        assert_eq!(a[key], quiet[key], "{key}");
+    }
+    // Every tile is in once. Adaptive ones take a few rays more along their edges, and these are cut otherwise.
+    if flags.contains("--samples") {
+        assert_eq!(a["rays"]["camera"], quiet["rays"]["camera"]);
+    }
+    for key in ["estimated_rmse", "passes"] {
+        assert_eq!(a["accuracy"][key], quiet["accuracy"][key], "{key}");
+    }
+    assert_eq!(std::fs::read(at.path().join("a.pfm")).unwrap(), std::fs::read(at.path().join("quiet.pfm")).unwrap());
+    assert_eq!(names(at.path()), set(["a.json", "a.pfm", "quiet.json", "quiet.pfm"]));
+}
+
+fn run_to_end(at: &Path, of: &str, flags: &str) -> Ended {
+    command(at, of, flags).output().unwrap().into()
+}
+
+#[test]
+fn a_uniform_render_survives_being_killed_again_and_again() {
+    survives("demo.xml", "--size 400x300 --samples 144 --threads 2", 1);
+}
+
+#[test]
+fn an_adaptive_render_survives_being_killed_again_and_again() {
+    survives("mirrors.xml", "--size 320x240 --quality final --threads 2", 2);
+}
+
+#[test]
+fn a_render_towards_an_error_survives_being_killed_again_and_again() {
+    survives("mirrors.xml", "--size 240x180 --max-error 0.3 --threads 2", 3);
+}
+
+#[test]
+fn a_render_within_a_time_survives_being_killed_again_and_again() {
+    survives("mirrors.xml", "--size 240x180 --time-limit 2h --max-error 0.3 --threads 2", 4);
+}
+
+#[test]
+fn time_that_was_rendered_for_counts_against_the_limit() {
+    let at = tempdir().unwrap();
+    let flags = "-o a.png --size 1500x1500 --time-limit 5s --tile 32 --threads 2";
+    kill(begin(&at, "mirrors.xml", flags, "a.png.journal"));
+    let last = Contents::read(&at.path().join("a.png.journal")).tiles.last().unwrap().at_us;
+    assert!((1_000_000..5_000_000).contains(&last), "{last}");
+    let ended = run_to_end(at.path(), "mirrors.xml", &format!("{flags} --report -"));
+    // Another depth of pixels: the report asks for floats.
+    assert_eq!(ended.code, Some(2), "{}", ended.err);
+    let ended = run_to_end(at.path(), "mirrors.xml", flags);
+    assert!(matches!(ended.code, Some(0 | 5)), "{}", ended.err);
+    assert_eq!(names(at.path()), set(["a.png"]));
+}
+
+#[test]
+fn an_interrupt_keeps_the_journal_and_the_same_command_goes_on() {
+    for signal in ["INT", "TERM", "HUP", "QUIT"] {
+        let at = tempdir().unwrap();
+        let running = begin(&at, "demo.xml", LONG, "long.png.journal");
+        running.signal(signal);
+        let (status, said) = running.wait();
+        assert_eq!(status.code(), Some(130), "{signal}: {said}");
+        assert!(said.contains("the same command goes on from what is kept in 'long.png.journal'"), "{said}");
+        assert_eq!(names(at.path()), set(["long.partial.png", "long.png.journal"]));
+        let kept = Contents::read(&at.path().join("long.png.journal"));
+        let mut again = Running::start(command(at.path(), "demo.xml", LONG).args(["--progress", "plain"]));
+        let line = again.line(|_| true).unwrap();
+        assert!(line.starts_with("going on: "), "{line}");
+        kill(again);
+        let now = Contents::read(&at.path().join("long.png.journal"));
+        assert!(now.tiles.starts_with(&kept.tiles));
+    }
+}
+
+#[test]
+fn what_nohup_protects_a_closed_terminal_does_not_end() {
+    let at = tempdir().unwrap();
+    let program = tessera_tests::program::program("coordinator");
+    let script = format!(
+        "trap '' HUP; exec {} render {} {LONG} --progress json",
+        program.display(),
+        scene("demo.xml").display()
+    );
+    let mut shell = Command::new("sh");
+    let mut running = Running::start(shell.args(["-c", &script]).current_dir(at.path()).stdout(Stdio::null()));
+    assert!(running.line(|l| l.contains("\"progress\"")).is_some());
+    running.signal("HUP");
+    assert!(running.line(|l| l.contains("\"progress\"")).is_some(), "it ended");
+    running.signal("TERM");
+    let (status, said) = running.wait();
+    assert_eq!(status.code(), Some(130), "{said}");
+}
+
+#[test]
+fn what_is_not_the_same_is_refused_by_name_and_restart_begins_anew() {
+    let at = tempdir().unwrap();
+    for name in ["demo.xml", "globe.ppm"] {
+        std::fs::copy(scene(name), at.path().join(name)).unwrap();
+    }
+    let render = |flags: &str| {
+        let flags = format!("render demo.xml -o a.png {flags}");
+        coordinator(at.path(), flags.split_whitespace())
+    };
+    let flags = "--size 1200x900 --samples 256 --threads 2";
+    let mut running = Running::start(render(flags).args(["--progress", "json"]));
+    let journal = at.path().join("a.png.journal");
+    assert!(running.line(|_| !Contents::read(&journal).tiles.is_empty()).is_some());
+    kill(running);
+    let kept = std::fs::read(&journal).unwrap();
+    let refused = |flags: &str, words: &[&str]| {
+        let ended: Ended = render(flags).output().unwrap().into();
+        assert_eq!(ended.code, Some(2), "{flags}: {}", ended.err);
+        for word in words.iter().chain(&["--restart", "a.png.journal"]) {
+            assert!(ended.err.contains(word), "{flags}: '{word}' is not in: {}", ended.err);
+        }
+        assert_eq!(std::fs::read(&journal).unwrap(), kept, "{flags}: the journal was touched");
+    };
+    refused("--size 1200x901 --samples 256", &["--size (1200x900 there, 1200x901 now)"]);
+    refused("--size 1200x900 --samples 225", &["--samples 256 there, --samples 225 now"]);
+    refused("--size 1200x900 --samples 256 --max-depth 3", &["--max-depth (16 there, 3 now)"]);
+    refused("--size 1200x900 --samples 256 --region 0,0,9,9", &["--region"]);
+    refused("--size 1200x900 --samples 256 --bits 16", &["the depth of pixels (8 bits there, 16 bits now"]);
+    let globe = std::fs::read(at.path().join("globe.ppm")).unwrap();
+    let mut other = globe.clone();
+    *other.last_mut().unwrap() ^= 1;
+    std::fs::write(at.path().join("globe.ppm"), &other).unwrap();
+    refused(flags, &["other are: the scene's pictures."]);
+    std::fs::write(at.path().join("globe.ppm"), &globe).unwrap();
+    let text = std::fs::read_to_string(at.path().join("demo.xml")).unwrap();
+    std::fs::write(at.path().join("demo.xml"), text.replacen("radius=\"", "radius=\"1", 1)).unwrap();
+    refused(flags, &["other are: the scene."]);
+    std::fs::write(at.path().join("demo.xml"), text).unwrap();
+    // As it was, it goes on; with --restart, with other settings, it does not.
+    let mut running = Running::start(&mut render(flags));
+    assert!(running.line(|l| l.contains("going on: ")).is_some());
+    kill(running);
+    let ended: Ended = render("--size 30x20 --restart").output().unwrap().into();
+    assert_eq!((ended.code, ended.err.contains("going on")), (Some(0), false), "{}", ended.err);
+    assert_eq!(names(at.path()), set(["a.png", "demo.xml", "globe.ppm"]));
+}
+
+#[test]
+fn the_picture_so_far_can_be_seen_at_any_moment() {
+    let at = tempdir().unwrap();
+    let running = begin(&at, "demo.xml", LONG, "long.png.journal");
+    let see = |flags: &str| {
+        let ended = run(at.path(), ["picture", "long.png.journal"].into_iter().chain(flags.split(' ')));
+        assert_eq!(ended.code, Some(0), "{}", ended.err);
+    };
+    see("-o a.png");
+    running.signal("KILL");
+    let _ = running.wait();
+    see("-o b.png");
+    see("-o c.ppm --missing #00ff01");
+    let bytes = std::fs::read(at.path().join("b.png")).unwrap();
+    // Colour type 6 of the header: what is missing is transparent.
+    assert_eq!(bytes[25], 6);
+    let (b, c) = (picture(&at, "b.png").image, picture(&at, "c.ppm").image);
+    assert_eq!((b.width(), b.height()), (2000, 2000));
+    let missing = [0.0, 1.0, 1.0 / 255.0];
+    let gone = c.pixels().iter().filter(|p| **p == missing).count();
+    let kept = Contents::read(&at.path().join("long.png.journal")).pixels();
+    assert_eq!(gone as u64, 2000 * 2000 - kept);
+    assert!(b.pixels().iter().zip(c.pixels()).all(|(b, c)| b == c || *c == missing));
+    let refused = |flags: &str, words: &str| {
+        let ended = run(at.path(), ["picture"].into_iter().chain(flags.split(' ')));
+        assert!(matches!(ended.code, Some(1 | 2)) && ended.err.contains(words), "{}", ended.err);
+    };
+    refused("long.png.journal -o d.exr", "pixels of 8 bits");
+    refused("long.png.journal -o d.png --bits 16", "pixels of 8 bits");
+    refused("b.png -o d.png", "is no journal");
+    refused("none.journal -o d.png", "none.journal");
+    // Beside what the killed render left hidden, which the next one clears away.
+    let seen: BTreeSet<String> = names(at.path()).into_iter().filter(|n| !n.starts_with('.')).collect();
+    assert_eq!(seen, set(["a.png", "b.png", "c.ppm", "long.png.journal"]));
+}
+
+#[test]
+fn a_coordinator_that_comes_back_finds_its_workers_and_they_have_the_scene() {
+    let at = tempdir().unwrap();
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let flags = format!("{LONG} --listen {port} --workers 0");
+    let connect = port.to_string();
+    let mut worker = Process::start("worker", &["--connect", &connect, "--threads", "2", "-v"]);
+    kill(begin(&at, "demo.xml", &flags, "long.png.journal"));
+    worker.says("registered");
+    let kept = Contents::read(&at.path().join("long.png.journal")).pixels();
+    let mut again = Running::start(command(at.path(), "demo.xml", &flags).args(["--progress", "json"]));
+    let began = std::time::Instant::now();
+    let more = again.line(|l| {
+        let line: Value = serde_json::from_str(l).unwrap_or_default();
+        line["pixels_done"].as_u64().is_some_and(|n| n > kept)
+    });
+    assert!(more.is_some(), "the render ended");
+    worker.says("the scene is here already");
+    println!("going on after {:.1?}", began.elapsed());
+    worker.signal(Signal::TERM);
+    again.signal("TERM");
+    let _ = again.wait();
+}
