@@ -113,7 +113,7 @@ impl Target {
     }
 
     pub(super) fn is_met(&self, error: &ErrorEstimate) -> bool {
-        if self.is_whole() { reaches(error, self.error) } else { self.met }
+        if self.is_whole() { reaches(error, self.error) } else { self.met || reaches(error, self.error) }
     }
 
     pub(super) fn next(&mut self, outcome: &Outcome) -> Option<Step> {

@@ -225,7 +225,7 @@ fn plane_offset(p: &Plane, origin: DVec3, length: Big<8>) -> Big<8> {
         PlanePosition::Distance(d) => {
             let (far, near) = (Big::new(d) * length, through.resize::<8>());
             let offset = far - near;
-            if offset.is_zero() || offset.exponent() < far.exponent() - 256 {
+            if offset.is_zero() || offset.exponent() < far.exponent().saturating_sub(256) {
                 // far² − near² is exact, and far + near subtracts nothing.
                 let (n, d) = (Vector::<136>::new(p.normal), Big::<136>::new(d));
                 let through = through.resize::<136>();

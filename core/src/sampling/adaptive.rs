@@ -164,7 +164,8 @@ impl Doubts {
                 let middle = centre(view, x, y);
                 let parts = strata::parts(shapes, index, (f64::from(middle.x), f64::from(middle.y)));
                 if !parts.is_empty() {
-                    composites.push(Composite::new((x, y), PICTURE, parts));
+                    let doubt = f64::from(doubt[index as usize]);
+                    composites.push(Composite::new((x, y), PICTURE, parts, doubt));
                 }
             }
         }
@@ -217,7 +218,7 @@ fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, counts: &mut Ray
                     if doubts.at(at) == 0.0 {
                         return (at, Pixel::known(next(1)[0].radiance));
                     }
-                    let mut pixel = Pixel::default();
+                    let mut pixel = Pixel::doubted(f64::from(doubts.at(at)));
                     pixel.add(FIRST, next(FIRST as usize).iter().map(|s| s.radiance));
                     (at, pixel)
                 })

@@ -17,7 +17,7 @@ const DRAW: u64 = 1;
 const SETS: [u64; 2] = [2, 3];
 /// Points of each set at least, and at most.
 const LEAST: u32 = 4;
-const MOST: u32 = 1024;
+const MOST: u32 = 1 << 14;
 
 /// A pixel that may be audited.
 #[derive(Clone, Copy)]

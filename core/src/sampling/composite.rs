@@ -43,10 +43,10 @@ impl Part {
 }
 
 impl Composite {
-    pub(crate) fn new(at: (u32, u32), set: u64, polygons: Vec<Polygon>) -> Self {
+    pub(crate) fn new(at: (u32, u32), set: u64, polygons: Vec<Polygon>, doubt: f64) -> Self {
         let part = |polygon| Part { polygon, mean: Pixel::default(), own: 0 };
         let parts = polygons.into_iter().map(part).collect();
-        Self { at, set, parts, rest: Pixel::default(), around: 0.0 }
+        Self { at, set, parts, rest: Pixel::doubted(doubt), around: 0.0 }
     }
 
     /// Notes the variance of samples here and around.

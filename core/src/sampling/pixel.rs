@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::settings::Tolerance;
 
 /// Points of a pixel at most.
-pub(crate) const MOST: u32 = 4096;
+pub(crate) const MOST: u32 = 1 << 16;
 
 /// Constants of the model of errors.
 ///
@@ -18,9 +18,12 @@ struct Model {
     typical: f64,
     /// What takes off less than this share of a pixel's points is left alone.
     least_growth: f64,
+    /// What may hide where all points are alike: this much over the square of their number, times the square of
+    /// how much may hide. So that at half a step in 255 the first four points are enough, and at a twentieth a hundred.
+    hidden: f64,
 }
 
-const MODEL: Model = Model { edge: 0.57, typical: 0.1, least_growth: 1.4 };
+const MODEL: Model = Model { edge: 0.57, typical: 0.1, least_growth: 1.4, hidden: 2.5e-4 };
 
 /// Of the error's mean square, what doubling the points takes off: 1 − 2^-1.5.
 const DOUBLING: f64 = 0.646_446_609_406_726_2;
@@ -45,6 +48,11 @@ impl Rule {
     pub(crate) fn points(&self, kappa: f64) -> f64 {
         libm::pow(DOUBLING * kappa / self.a_point, 0.4)
     }
+
+    /// Points of a pixel in which so much, a part of full scale, may hide.
+    fn search(&self, doubt: f64) -> f64 {
+        libm::cbrt(0.75 * MODEL.hidden * doubt * doubt / self.a_point)
+    }
 }
 
 /// The samples of one pixel, in the order of its sequence.
@@ -59,12 +67,19 @@ pub(crate) struct Pixel {
     /// See [`Model`]; what it was inferred from weighs as much as so many doublings.
     kappa: f64,
     weight: f64,
+    /// How much may hide in it, as a part of full scale.
+    doubt: f64,
 }
 
 impl Pixel {
     /// A pixel whose mean is known.
     pub(crate) fn known(mean: DVec3) -> Self {
         Self { sum: mean, points: 1, next: 1, ..Self::default() }
+    }
+
+    /// A pixel in which so much may hide, before its first samples.
+    pub(crate) fn doubted(doubt: f64) -> Self {
+        Self { doubt, ..Self::default() }
     }
 
     /// Whether its mean is known without more ado.
@@ -129,7 +144,8 @@ impl Pixel {
     /// How often its points are to be doubled next, 0 where it is done; as the mean of so large a part of a pixel.
     pub(crate) fn doublings(&self, rule: &Rule, area: f64) -> u32 {
         let most = f64::from(MOST / self.next.max(1));
-        let growth = (rule.points(self.kappa * area * area) / f64::from(self.points.max(1))).min(most);
+        let worth = rule.points(self.kappa * area * area).max(rule.search(self.doubt * area));
+        let growth = (worth / f64::from(self.points.max(1))).min(most);
         if growth < MODEL.least_growth {
             0
         } else if growth < 3.0 {

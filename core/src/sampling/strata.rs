@@ -200,7 +200,7 @@ mod tests {
 
     fn edge(a: f64, b: f64, c: f64) -> Shape {
         let unit = f64::from(UNIT);
-        Shape::Edge(Linear { a: a - 0.5 * (b + c), b: b / unit, c: c / unit, size: 1.0 })
+        Shape::Edge(Linear { a, b: b / unit, c: c / unit, size: 1.0 })
     }
 
     #[test]

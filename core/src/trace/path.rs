@@ -92,7 +92,9 @@ impl Tracer {
                         Some(Refined { hit: Some(hit), .. }) => hit.cosines[k],
                         _ => incidence.cosine,
                     };
-                    if !(cosine > 0.0) {
+                    // A light in the plane of a surface does not light it.
+                    let in_plane = self.prepared.planes_with_light(k).contains(&decision.id.0);
+                    if !(cosine > 0.0) || in_plane {
                         continue;
                     }
                     counts.shadow += 1;

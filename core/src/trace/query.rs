@@ -270,7 +270,7 @@ impl PreparedScene {
         found.clear();
         let mut bound = 1.0;
         let blocked = self.walk(ray, from, &mut bound, stack, &mut |id, span, _| blocks(id, span, found));
-        self.occlusion(blocked, from, light, found)
+        self.occlusion(blocked, light, found)
     }
 
     /// As [`Self::occluded`], among `ids` alone.
@@ -286,17 +286,11 @@ impl PreparedScene {
         found.clear();
         let mut ids = ids;
         let blocked = ids.any(|id| self.test(ray, id, from).is_some_and(|span| blocks(id, span, found)));
-        self.occlusion(blocked, from, light, found)
+        self.occlusion(blocked, light, found)
     }
 
     /// What was found of a segment, less what is known of the planes that hold its light.
-    fn occlusion(
-        &self,
-        blocked: bool,
-        from: Option<Decision>,
-        light: Option<usize>,
-        found: &mut Vec<(ObjectId, Span)>,
-    ) -> Occluded {
+    fn occlusion(&self, blocked: bool, light: Option<usize>, found: &mut Vec<(ObjectId, Span)>) -> Occluded {
         if blocked {
             return Occluded::Yes;
         }
@@ -305,10 +299,6 @@ impl PreparedScene {
         {
             // Such a plane is met where the segment ends.
             found.retain(|&(id, _)| !self.has_light_in_plane(id, light));
-            // A light in the plane of a surface does not light it.
-            if from.is_some_and(|f| self.has_light_in_plane(f.id, light)) {
-                return Occluded::Yes;
-            }
         }
         if found.is_empty() { Occluded::No } else { Occluded::Doubt }
     }

@@ -112,6 +112,15 @@ impl Stage<'_> {
             // What met nothing has no albedo.
             let albedo = load3::<S>(&places.albedo, at);
             faces &= (albedo.x + albedo.y + albedo.z).positive() & (0xff >> (8 - 8.min(rays.count - at)));
+            // A light in the plane of a surface does not light it.
+            let in_plane = self.tracer.prepared.planes_with_light(k);
+            if !in_plane.is_empty() {
+                for lane in packet::lanes(u16::from(faces)) {
+                    if in_plane.contains(&places.met[at + lane]) {
+                        faces &= !(1 << lane);
+                    }
+                }
+            }
             let indices = FIRST_EIGHT.map(|lane| at as u32 + lane);
             *eight_at_mut(&mut shadows.at, shadows.count) = S::compress(&indices, faces);
             cosine.compress(faces).store(eight_at_mut(&mut shadows.cosine, shadows.count));
