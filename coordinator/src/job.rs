@@ -102,11 +102,14 @@ pub struct RenderJob {
     pub threads: usize,
     /// How good the picture is to be. Anything but [`Goal::AsSet`] needs adaptive sampling.
     pub goal: Goal,
+    /// Share of the tiles that are rendered a second time elsewhere and compared, 0 to 1.
+    pub verify: f64,
     /// How long to go on without any worker.
     pub patience: Patience,
     /// How long other things may take.
     pub timing: Timing,
-    /// Where what is done is kept, if anywhere, and what an earlier run left there.
+    /// Where what is done is kept, if anywhere, and what an earlier run left there. Not used where tiles are verified:
+    /// they may have to be taken back.
     pub journal: Option<Arc<Journal>>,
     /// Time that passed before the render, where it counts against a limit.
     pub spent: Duration,
@@ -128,6 +131,7 @@ impl RenderJob {
             workers: 2,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             goal: Goal::AsSet,
+            verify: 0.0,
             patience: Patience::default(),
             timing: Timing::default(),
             journal: None,
@@ -235,6 +239,36 @@ pub struct Rendered {
     pub passes: u32,
     /// Whether time was up before the goal was reached.
     pub timed_out: bool,
+    /// Calls that were refused for want of the farm's token or a certificate.
+    pub strangers: u64,
+    /// What was rendered twice, and who lied.
+    pub verification: Verification,
+}
+
+/// What came of rendering tiles twice.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Verification {
+    /// The share of tiles that was asked for, 0 to 1.
+    pub share: f64,
+    /// Every tile that was compared, in the order of the results.
+    pub checks: Vec<CheckedTile>,
+    /// Workers whose pixels were not the scene's.
+    pub thrown_out: Vec<String>,
+    /// Tiles of theirs that were rendered again.
+    pub redone: u64,
+}
+
+/// A tile that was rendered twice.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CheckedTile {
+    /// Its pixels.
+    pub region: Region,
+    /// Who delivered it.
+    pub maker: String,
+    /// Who rendered it again; `None` is the coordinator itself.
+    pub checker: Option<String>,
+    /// Whether both gave the same bits.
+    pub agreed: bool,
 }
 
 impl Rendered {

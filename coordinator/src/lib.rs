@@ -1,5 +1,6 @@
 //! Hands the tiles of a picture to workers and stitches what they return.
 
+pub mod access;
 mod farm;
 mod job;
 pub mod journal;
@@ -10,8 +11,8 @@ mod scheduler;
 
 pub use farm::{Farm, Timing, render};
 pub use job::{
-    Earlier, ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize, Unfinished,
-    WorkerStats,
+    CheckedTile, Earlier, ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize,
+    Unfinished, Verification, WorkerStats,
 };
 pub use plan::{Forecast, Goal};
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -17,5 +17,6 @@ pub mod sampling;
 pub mod scene;
 pub mod settings;
 pub mod simd;
+pub mod text;
 pub mod trace;
 pub mod xml;

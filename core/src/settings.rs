@@ -21,8 +21,8 @@ pub enum SettingsError {
     /// The plane has an extent.
     #[error("the image plane's height must be a finite number above 0, not {0}")]
     PlaneHeight(f64),
-    /// A path has at least its camera ray.
-    #[error("max-depth must be at least 1")]
+    /// A path has at least its camera ray, and an end.
+    #[error("max-depth must be 1 to {max}", max = Settings::MAX_DEPTH)]
     MaxDepth,
     /// Samples form a square grid of at most [`Sampling::MAX_GRID`] a side.
     #[error("samples must be a square number from 1 to {max}, not {0}", max = Sampling::MAX_GRID * Sampling::MAX_GRID)]
@@ -268,10 +268,16 @@ impl Sampling {
 pub struct Settings {
     /// The image plane.
     pub view: View,
-    /// Rays in a path at most, camera ray included; at least 1.
+    /// Rays in a path at most, camera ray included; 1 to [`Settings::MAX_DEPTH`].
     pub max_depth: u32,
     /// The points sampled.
     pub sampling: Sampling,
     /// The meaning of colour numbers.
     pub transfer: Transfer,
+}
+
+impl Settings {
+    /// The most rays in a path. Between two mirrors that keep all light a path has no other end, and what is kept
+    /// of it takes memory; no picture shows what comes from so deep.
+    pub const MAX_DEPTH: u32 = 1 << 16;
 }

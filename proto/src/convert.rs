@@ -7,11 +7,13 @@ use tessera_core::film::{ErrorEstimate, Region, Sum};
 use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, SettingsError, Tolerance, Transfer, View};
 use tessera_core::trace::RayCounts;
 
-use crate::ids::{Attempt, InstanceId, LeaseId, PassNumber, SceneHash};
+use crate::identity::WorkerId;
+use crate::ids::{Attempt, LeaseId, PassNumber, SceneHash};
 use crate::limits::{
     BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
 };
 use crate::pixels::{PixelFormat, Pixels};
+use crate::token::Secret;
 use crate::wire;
 
 /// Why a peer's message is not taken.
@@ -61,9 +63,11 @@ pub struct Registration {
     /// 1 to [`MAX_THREADS`].
     pub threads: u32,
     /// Which worker this is.
-    pub instance: InstanceId,
+    pub id: WorkerId,
+    /// That it is this worker.
+    pub proof: Vec<u8>,
     /// The secret of workers in the coordinator's own process.
-    pub local: Option<[u8; 16]>,
+    pub local: Option<Secret>,
 }
 
 impl From<Registration> for wire::Register {
@@ -74,8 +78,9 @@ impl From<Registration> for wire::Register {
             numeric_mode: NUMERIC_MODE.into(),
             threads: r.threads,
             name: cut(&r.name, MAX_NAME_BYTES).into(),
-            instance: r.instance.0,
-            local: r.local.map_or_else(Vec::new, Vec::from),
+            local: r.local.map_or_else(Vec::new, |secret| secret.bytes().to_vec()),
+            key: r.id.0.to_vec(),
+            proof: r.proof,
         }
     }
 }
@@ -111,11 +116,12 @@ impl TryFrom<wire::Register> for Registration {
         Ok(Self {
             name: if name.is_empty() { "worker".into() } else { name },
             threads: r.threads,
-            instance: InstanceId(r.instance),
+            id: WorkerId(r.key.try_into().map_err(|_| Malformed::Range("the worker's key"))?),
+            proof: r.proof,
             local: if r.local.is_empty() {
                 None
             } else {
-                Some(r.local.try_into().map_err(|_| Malformed::Range("the local secret"))?)
+                Some(Secret::from(<[u8; 16]>::try_from(r.local).map_err(|_| Malformed::Range("the local secret"))?))
             },
         })
     }
@@ -124,7 +130,7 @@ impl TryFrom<wire::Register> for Registration {
 /// `text` without what could disturb a terminal.
 #[must_use]
 pub fn printable(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect::<String>().trim().into()
+    tessera_core::text::printable(text, false).trim().into()
 }
 
 /// A peer's cause of failure, fit to be shown.
@@ -207,7 +213,7 @@ impl TryFrom<wire::Settings> for Settings {
             wire::Transfer::Linear => Transfer::Linear,
             wire::Transfer::Unspecified => return Err(Malformed::Range("transfer")),
         };
-        if s.max_depth == 0 {
+        if !(1..=Settings::MAX_DEPTH).contains(&s.max_depth) {
             return Err(SettingsError::MaxDepth.into());
         }
         use wire::settings::Sampling as Wire;

@@ -5,10 +5,13 @@
 //! from it; [`convert`] checks what arrives; [`scene`] is the scene's binary form.
 
 pub mod convert;
+pub mod identity;
 mod ids;
 pub mod limits;
 mod pixels;
+pub mod plausible;
 pub mod scene;
+pub mod token;
 
 pub use ids::{Attempt, InstanceId, LeaseId, PassNumber, SceneHash, SessionId};
 pub use pixels::{PixelFormat, Pixels};

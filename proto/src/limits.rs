@@ -22,6 +22,13 @@ pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
 /// Pixels of a lease at most: 768 KiB as floats.
 pub const MAX_TILE_PIXELS: u64 = 1 << 16;
 
+/// Leases that a coordinator lets one worker hold, and revoked ones that it may owe an answer to; a
+/// worker ends the session of a coordinator that goes further.
+pub const MAX_LEASES: usize = 1024;
+
+/// No request beside a session's stream is longer: none has more to say.
+pub const MAX_REQUEST_BYTES: usize = 4 << 10;
+
 /// Length of a piece of a scene.
 pub const SCENE_PIECE_BYTES: usize = 256 << 10;
 

@@ -3,13 +3,13 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use tessera_proto::InstanceId;
 use tessera_proto::convert::Registration;
+use tessera_proto::identity::Identity;
 use tessera_proto::wire::coordinator_message::Kind as Hear;
 use tessera_proto::wire::farm_client::FarmClient;
 use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_proto::wire::{
-    BeatRequest, CoordinatorMessage, Lease, RayCounts, Ready, Register, TileDone, Welcome, WorkerMessage,
+    BeatRequest, CoordinatorMessage, GreetRequest, Lease, RayCounts, Ready, Register, TileDone, Welcome, WorkerMessage,
 };
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -34,7 +34,26 @@ pub struct Fake {
 /// What an honest worker of that name would register with.
 #[must_use]
 pub fn registration(name: &str) -> Register {
-    Registration { name: name.into(), threads: 1, instance: InstanceId(name.len() as u64), local: None }.into()
+    registration_by(&identity(name), name)
+}
+
+/// The key of the fake worker of that name.
+///
+/// # Panics
+/// Never.
+#[must_use]
+pub fn identity(name: &str) -> Identity {
+    let mut seed = [0; 32];
+    for (at, byte) in name.bytes().enumerate() {
+        seed[at % 32] ^= byte;
+    }
+    Identity::from_seed(&seed).expect("every seed makes a key")
+}
+
+/// A registration without proof, which is put in when the connection is there.
+#[must_use]
+pub fn registration_by(identity: &Identity, name: &str) -> Register {
+    Registration { name: name.into(), threads: 1, id: identity.id(), proof: Vec::new(), local: None }.into()
 }
 
 /// An answer to `lease` of `bytes` black bytes.
@@ -83,6 +102,15 @@ impl Fake {
     pub async fn first_words(addr: SocketAddr, words: Option<Say>) -> Result<Self, Status> {
         let endpoint = Endpoint::from_shared(format!("http://{addr}")).expect("an address");
         let mut client = FarmClient::new(endpoint.connect().await.expect("a coordinator"));
+        let challenge = client.greet(GreetRequest {}).await?.into_inner().challenge.try_into().expect("32 bytes");
+        let words = match words {
+            // A fake of that name proves that it is that one, unless it is told to prove something else.
+            Some(Say::Register(register)) if register.proof.is_empty() => {
+                let proof = identity(&register.name).prove(&challenge);
+                Some(Say::Register(Register { proof, ..register }))
+            }
+            words => words,
+        };
         let (out, outbox) = mpsc::channel(64);
         out.send(WorkerMessage { kind: words }).await.expect("room for one");
         let mut inbox = client.work(ReceiverStream::new(outbox)).await?.into_inner();

@@ -11,6 +11,7 @@ pub mod exact;
 pub mod fake;
 pub mod generate;
 pub mod golden;
+pub mod hostile;
 pub mod journal;
 pub mod oracle;
 pub mod peers;

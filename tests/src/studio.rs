@@ -1,6 +1,6 @@
 //! What renders tiles where the tracer would be too quick, too slow or too sound.
 
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 
 use tessera_core::film::{ErrorEstimate, Region, Tile};
@@ -11,7 +11,7 @@ use worker::{Exact, Studio, TileTracer};
 /// What [`Painted`] gives pixel (x, y).
 #[must_use]
 pub fn paint(x: u32, y: u32) -> [f32; 3] {
-    [x as f32, y as f32, 1.0]
+    [x as f32 / 65536.0, y as f32 / 65536.0, 1.0]
 }
 
 /// Renders no scene but [`paint`], at once: a picture in which every pixel shows whether it is
@@ -135,5 +135,64 @@ impl TileTracer for Gated {
     fn render_pass(&self, region: Region, pass: Pass) -> (Tile, RayCounts) {
         self.wait();
         self.0.render_pass(region, pass)
+    }
+}
+
+/// The tracer, but for one bit in every so many tiles: a machine with bad memory, or its owner.
+#[derive(Clone, Debug)]
+pub struct Liar {
+    every: u64,
+    rendered: Arc<AtomicU64>,
+    about: Lie,
+}
+
+/// What is lied about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lie {
+    /// The last bit of a pixel's component.
+    Pixel,
+    /// How far off the pixels may be.
+    Estimate,
+}
+
+impl Liar {
+    /// Lies in one tile of `every`, the first one being true.
+    #[must_use]
+    pub fn once_in(every: u64, about: Lie) -> Self {
+        Self { every, rendered: Arc::default(), about }
+    }
+}
+
+struct Lying(Arc<dyn TileTracer>, Liar);
+
+impl Studio for Liar {
+    fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
+        Ok(Arc::new(Lying(Exact.open(scene, settings)?, self.clone())))
+    }
+}
+
+impl Lying {
+    fn lie(&self, (mut tile, rays): (Tile, RayCounts)) -> (Tile, RayCounts) {
+        if self.1.rendered.fetch_add(1, Ordering::SeqCst) % self.1.every == self.1.every - 1 {
+            let middle = tile.pixels.len() / 2;
+            match self.1.about {
+                Lie::Pixel => {
+                    let component = &mut tile.pixels[middle][1];
+                    *component = f32::from_bits(component.to_bits() ^ 1);
+                }
+                Lie::Estimate => tile.error.squares.0 /= 2,
+            }
+        }
+        (tile, rays)
+    }
+}
+
+impl TileTracer for Lying {
+    fn render(&self, region: Region) -> (Tile, RayCounts) {
+        self.lie(self.0.render(region))
+    }
+
+    fn render_pass(&self, region: Region, pass: Pass) -> (Tile, RayCounts) {
+        self.lie(self.0.render_pass(region, pass))
     }
 }

@@ -398,7 +398,7 @@ async fn workers_may_come_before_there_is_anything_to_render() {
 async fn a_worker_leaves_whose_scene_will_never_come() {
     let farm = Farm::bind(ListenAddr::Loopback).await.unwrap();
     let (never, tracer) = tokio::sync::watch::channel(None);
-    let local = Some(worker::LocalScene { secret: [0; 16], tracer });
+    let local = Some(worker::LocalScene { secret: tessera_proto::token::Secret::from([0; 16]), tracer });
     let config = Config { local, once: true, ..Config::new(farm.addr().into()) };
     let hired = tokio::spawn(worker::run(config, CancellationToken::new()));
     drop(never);

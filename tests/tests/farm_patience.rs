@@ -96,8 +96,7 @@ async fn all_holders_of_the_last_tile_vanish_together_and_others_come() {
     for round in 0..3 {
         let mut holders = Vec::new();
         for n in 0..3 {
-            let mut register = fake::registration("holder");
-            register.instance = 100 + 10 * round + n;
+            let register = fake::registration(&format!("holder-{round}-{n}"));
             let holder = Fake::register(running.addr, register).await.unwrap();
             holder.say(tessera_proto::wire::worker_message::Kind::Ready(tessera_proto::wire::Ready {})).await;
             holders.push(holder);

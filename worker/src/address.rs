@@ -72,6 +72,11 @@ impl fmt::Display for Address {
 }
 
 impl Address {
+    /// The host alone, without the brackets of an IPv6 address.
+    pub(crate) fn host(&self) -> &str {
+        self.host.trim_start_matches('[').trim_end_matches(']')
+    }
+
     /// Looks the host up, so that what is wrong with a name can be said.
     ///
     /// # Errors

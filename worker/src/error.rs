@@ -1,5 +1,7 @@
 //! Why a worker cannot work.
 
+use tessera_proto::token::NoRandomness;
+
 /// Why a worker gave up.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkerError {
@@ -16,6 +18,9 @@ pub enum WorkerError {
         /// What went wrong the last time.
         last: String,
     },
+    /// No key can be drawn.
+    #[error(transparent)]
+    Randomness(#[from] NoRandomness),
     /// No threads to be had.
     #[error("cannot start {0} threads: {1}")]
     Threads(usize, String),

@@ -4,18 +4,13 @@ use std::time::Duration;
 
 use tessera_proto::SessionId;
 use tessera_proto::wire::BeatRequest;
-use tessera_proto::wire::farm_client::FarmClient;
 use tokio::time::{MissedTickBehavior, interval, timeout};
-use tonic::transport::Channel;
+
+use crate::session::Client;
 
 /// Beats every `every` until the coordinator no longer answers for `patience`, and says why it
 /// stopped.
-pub(crate) async fn beat(
-    mut client: FarmClient<Channel>,
-    session: SessionId,
-    every: Duration,
-    patience: Duration,
-) -> String {
+pub(crate) async fn beat(mut client: Client, session: SessionId, every: Duration, patience: Duration) -> String {
     let mut ticks = interval(every);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {

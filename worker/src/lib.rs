@@ -4,11 +4,13 @@
 //! it is leased, and dials again when the connection breaks. The same code runs in
 //! the `worker` program and inside a coordinator's own process.
 
+mod access;
 mod address;
 mod backoff;
 mod cache;
 mod error;
 mod heart;
+mod memory;
 mod render;
 mod session;
 mod studio;
@@ -16,13 +18,17 @@ mod studio;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use tessera_proto::InstanceId;
+use tessera_proto::identity::Identity;
+use tessera_proto::token::Secret;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
+pub use access::{Access, AccessError, PkiFiles, given_token};
 pub use address::{Address, AddressError};
 pub use backoff::Backoff;
 pub use error::WorkerError;
+pub use memory::{Bytes, default_limit};
+pub use render::encode_tile;
 pub use studio::{Exact, Studio, TileTracer};
 
 use cache::SceneCache;
@@ -33,6 +39,8 @@ use session::{Outcome, Session};
 pub struct Config {
     /// Where the coordinator is.
     pub connect: Address,
+    /// How to reach it.
+    pub access: Access,
     /// Threads that render, at least 1.
     pub threads: usize,
     /// Name shown to people.
@@ -41,6 +49,10 @@ pub struct Config {
     pub once: bool,
     /// The scene of a coordinator in this process.
     pub local: Option<LocalScene>,
+    /// Bytes that a scene may take, prepared.
+    pub max_memory: u64,
+    /// How long a tile at work may go on when this worker is asked to leave; then its lease is given back.
+    pub leave_within: Duration,
     /// What renders tiles.
     pub studio: Arc<dyn Studio>,
     /// How long to wait between attempts to connect.
@@ -57,10 +69,13 @@ impl Config {
     pub fn new(connect: Address) -> Self {
         Self {
             connect,
+            access: Access::open(),
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             name: "worker".into(),
             once: false,
             local: None,
+            max_memory: default_limit(),
+            leave_within: Duration::from_secs(20),
             studio: Arc::new(Exact),
             backoff: Backoff::default(),
             give_up_after: None,
@@ -73,7 +88,7 @@ impl Config {
 #[derive(Clone)]
 pub struct LocalScene {
     /// Proves to the coordinator that the scene is its own.
-    pub secret: [u8; 16],
+    pub secret: Secret,
     /// What renders it, under the coordinator's settings: one for all workers of the process. They connect
     /// before it is there, and then wait for it; if it will never come, they leave.
     pub tracer: watch::Receiver<Option<Arc<dyn TileTracer>>>,
@@ -117,7 +132,7 @@ pub async fn run(config: Config, stop: CancellationToken) -> Result<Left, Worker
         .build()
         .map_err(|e| WorkerError::Threads(config.threads, e.to_string()))?;
     let session = Session {
-        instance: InstanceId(fastrand::u64(..)),
+        identity: Identity::new()?,
         pool: Arc::new(pool),
         cache: SceneCache::default(),
         last: session::LastTracer::default(),
@@ -157,7 +172,7 @@ async fn work(session: &Session, stop: &CancellationToken) -> Result<Left, Worke
             Outcome::Finished if config.once => return Ok(Left::Finished),
             Outcome::Finished => tracing::info!("the coordinator has no more work; waiting for the next"),
             Outcome::Refused(why) => return Err(WorkerError::Refused(why)),
-            Outcome::Lost(why) => {
+            Outcome::Lost(why) | Outcome::Unable(why) => {
                 let left = config.give_up_after.map(|time| time.saturating_sub(alone_since.elapsed()));
                 if left == Some(Duration::ZERO) {
                     let address = config.connect.to_string();

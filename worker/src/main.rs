@@ -2,12 +2,13 @@
 
 mod log;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{ArgAction, ArgGroup, Parser};
 use tokio_util::sync::CancellationToken;
-use worker::{Address, Config, Left, WorkerError};
+use worker::{Access, AccessError, Address, Bytes, Config, Left, PkiFiles, WorkerError};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -16,9 +17,11 @@ Examples:
   worker localhost --once                    leave when the picture is done
   worker farm.example --lifetime 55m --lifetime-stagger 5m
                                              leave in order before a batch system's hour is over
+  worker farm.example --token-file token.txt
 
 The coordinator must listen where workers can reach it, for instance:
   coordinator render scene.xml --listen 0.0.0.0:4747
+and lets in who has its token, which 'coordinator token' prints there.
 
 Signals: SIGTERM and SIGINT finish the tile at work, return the others and leave;
 a second SIGINT leaves at once.
@@ -40,6 +43,30 @@ struct Args {
     /// The same.
     #[arg(long, value_name = "HOST[:PORT]", group = "where")]
     connect: Option<Address>,
+
+    /// The farm's token, as the coordinator prints it. Others on this machine may read command lines: --token-file and TESSERA_TOKEN tell them nothing.
+    #[arg(long, value_name = "TOKEN")]
+    token: Option<String>,
+
+    /// File that holds the token.
+    #[arg(long, value_name = "FILE", conflicts_with = "token")]
+    token_file: Option<PathBuf>,
+
+    /// Authorities (PEM) that the coordinator's certificate may come from, where there is no token.
+    #[arg(long, value_name = "FILE")]
+    tls_ca: Option<PathBuf>,
+
+    /// This worker's certificate (PEM), for coordinators that ask for one.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+
+    /// The certificate's key (PEM).
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
+
+    /// Memory that a scene may take here. [default: three quarters of what there is]
+    #[arg(long, value_name = "SIZE")]
+    max_memory: Option<Bytes>,
 
     /// Threads that render. [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
@@ -77,7 +104,7 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(e) => {
             log::say(&format!("worker: {e}"));
-            ExitCode::from(1)
+            ExitCode::from(if matches!(e, MainError::Access(_)) { 2 } else { 1 })
         }
     }
 }
@@ -113,6 +140,8 @@ fn duration(text: &str) -> Result<Duration, String> {
 #[derive(Debug, thiserror::Error)]
 enum MainError {
     #[error(transparent)]
+    Access(#[from] AccessError),
+    #[error(transparent)]
     Worker(#[from] WorkerError),
     #[error("cannot start: {0}")]
     System(#[from] std::io::Error),
@@ -122,6 +151,13 @@ fn run(args: Args) -> Result<ExitCode, MainError> {
     // Clap sees to it that there is one.
     let Some(connect) = args.connect.or(args.coordinator) else { return Ok(ExitCode::from(2)) };
     let mut config = Config::new(connect);
+    let variable = std::env::var("TESSERA_TOKEN").ok();
+    let token = worker::given_token(args.token.as_deref(), args.token_file.as_deref(), variable.as_deref())?;
+    let files = PkiFiles { ca: args.tls_ca, cert: args.tls_cert, key: args.tls_key };
+    config.access = Access::new(token.as_ref(), &files)?;
+    if let Some(Bytes(bytes)) = args.max_memory {
+        config.max_memory = bytes;
+    }
     if let Some(threads) = args.threads {
         config.threads = threads as usize;
     }

@@ -10,6 +10,7 @@ use tessera_core::film::{ErrorEstimate, Tile, encode};
 use tessera_core::settings::Transfer;
 use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{Lease, TileDone, pixel_bytes};
+use tessera_proto::limits::MAX_LEASES;
 use tessera_proto::wire::{self, WorkerMessage, worker_message::Kind};
 use tessera_proto::{LeaseId, PixelFormat, Pixels};
 use tokio::sync::mpsc;
@@ -38,6 +39,10 @@ struct Inner {
 struct Desk {
     queue: VecDeque<Lease>,
     running: usize,
+    /// Those that are rendered now.
+    at_work: Vec<Lease>,
+    /// Nobody waits for what is rendered.
+    given_up: bool,
     /// When a tile was last finished; before the first, when the session began.
     last_end: Instant,
     /// When the network last took one: threads that wait for that do not want for leases.
@@ -53,19 +58,37 @@ impl Foreman {
     ) -> Self {
         let at_once = if pool.current_num_threads() > 1 { 2 } else { 1 };
         let now = Instant::now();
-        let desk = Mutex::new(Desk { queue: VecDeque::new(), running: 0, last_end: now, last_sent: now });
+        let desk = Mutex::new(Desk {
+            queue: VecDeque::new(),
+            running: 0,
+            at_work: Vec::new(),
+            given_up: false,
+            last_end: now,
+            last_sent: now,
+        });
         Self(Arc::new(Inner { pool, tracer, format, transfer, at_once, out, desk }))
     }
 
-    /// Adds a lease to the queue.
-    pub(crate) fn take(&self, lease: Lease) {
+    /// Adds a lease to the queue; false where that holds too many.
+    pub(crate) fn take(&self, lease: Lease) -> bool {
         let mut desk = self.0.desk();
+        if desk.queue.len() >= MAX_LEASES {
+            return false;
+        }
         desk.queue.push_back(lease);
         if desk.running < self.0.at_once {
             desk.running += 1;
             let inner = self.0.clone();
             self.0.pool.spawn(move || inner.run());
         }
+        true
+    }
+
+    /// Gives the leases that are rendered now; what becomes of them is delivered no more.
+    pub(crate) fn give_up(&self) -> Vec<Lease> {
+        let mut desk = self.0.desk();
+        desk.given_up = true;
+        std::mem::take(&mut desk.at_work)
     }
 
     /// Takes a lease off the queue, if it has not begun.
@@ -101,6 +124,7 @@ impl Inner {
                     return;
                 };
                 let start = Instant::now();
+                desk.at_work.push(lease);
                 let before = desk.last_end.max(desk.last_sent).min(start);
                 let idle = if desk.running == 1 { start - before } else { Duration::ZERO };
                 (lease, start, idle)
@@ -118,7 +142,11 @@ impl Inner {
                 }
                 Err(cause) => Kind::TileFailed(wire::TileFailed { lease: lease.id.0, attempt: lease.attempt.0, cause }),
             };
-            if self.out.blocking_send(WorkerMessage { kind: Some(kind) }).is_err() {
+            let mut desk = self.desk();
+            desk.at_work.retain(|l| l.id != lease.id);
+            let given_up = desk.given_up;
+            drop(desk);
+            if given_up || self.out.blocking_send(WorkerMessage { kind: Some(kind) }).is_err() {
                 let mut desk = self.desk();
                 desk.queue.clear();
                 desk.running -= 1;
@@ -145,14 +173,62 @@ impl Inner {
             return Err("a pixel is not finite".into());
         }
         let error = tile.error;
-        Ok((self.encode(tile), error, rays))
+        Ok((encode_tile(tile, self.format, self.transfer), error, rays))
+    }
+}
+
+/// A tile's pixels as they travel.
+#[must_use]
+pub fn encode_tile(tile: Tile, format: PixelFormat, transfer: Transfer) -> Pixels {
+    match format {
+        PixelFormat::Rgb8 => Pixels::Rgb8(encode::to_bytes(transfer, &tile.pixels)),
+        PixelFormat::Rgb16 => Pixels::Rgb16(encode::to_words(transfer, &tile.pixels)),
+        PixelFormat::F32 => Pixels::F32(tile.pixels),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tessera_core::film::Region;
+    use tessera_proto::{Attempt, PassNumber};
+
+    use super::*;
+
+    /// Renders nothing before it is let go.
+    struct Held(Arc<Mutex<()>>);
+
+    impl TileTracer for Held {
+        fn render(&self, region: Region) -> (Tile, RayCounts) {
+            let _held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let pixels = vec![[0.0; 3]; region.area() as usize];
+            (Tile { region, pixels, error: ErrorEstimate::default() }, RayCounts::default())
+        }
     }
 
-    fn encode(&self, tile: Tile) -> Pixels {
-        match self.format {
-            PixelFormat::Rgb8 => Pixels::Rgb8(encode::to_bytes(self.transfer, &tile.pixels)),
-            PixelFormat::Rgb16 => Pixels::Rgb16(encode::to_words(self.transfer, &tile.pixels)),
-            PixelFormat::F32 => Pixels::F32(tile.pixels),
+    fn lease(id: u64) -> Lease {
+        let region = Region { x0: 0, y0: 0, x1: 1, y1: 1 };
+        Lease { id: LeaseId(id), attempt: Attempt(0), region, number: PassNumber(0), pass: None }
+    }
+
+    #[test]
+    fn a_coordinator_cannot_fill_the_queue_without_end_and_what_is_given_up_is_not_delivered() {
+        let held = Arc::new(Mutex::new(()));
+        let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
+        let (out, mut delivered) = mpsc::channel(1);
+        let form = (PixelFormat::Rgb8, Transfer::Linear);
+        let foreman = Foreman::new(pool, Arc::new(Held(held.clone())), form, out);
+        let hold = held.lock().unwrap();
+        let taken = (0..2 * MAX_LEASES as u64).take_while(|&n| foreman.take(lease(n))).count();
+        assert!((MAX_LEASES..MAX_LEASES + 2).contains(&taken), "{taken}");
+        while foreman.0.desk().at_work.is_empty() {
+            std::thread::yield_now();
         }
+        foreman.clear();
+        assert_eq!(foreman.give_up().len(), 1);
+        drop(hold);
+        while !foreman.is_still() {
+            std::thread::yield_now();
+        }
+        assert!(delivered.try_recv().is_err());
     }
 }

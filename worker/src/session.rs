@@ -4,30 +4,36 @@ use std::error::Error as _;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use hyper_util::rt::TokioIo;
 use rayon::ThreadPool;
 use sha2::{Digest, Sha256};
 use tessera_core::settings::Settings;
 use tessera_core::trace::PreparedScene;
 use tessera_proto::convert::{Job, Lease, Registration, cause};
+use tessera_proto::identity::Identity;
 use tessera_proto::limits::{
     KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, REGISTER_WITHIN, cut,
 };
 use tessera_proto::scene::SceneDecoder;
+use tessera_proto::token::REFUSED_KEY;
 use tessera_proto::wire::farm_client::FarmClient;
 use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_proto::wire::{self, CoordinatorMessage, WorkerMessage, coordinator_message::Kind as Hear};
-use tessera_proto::{InstanceId, LeaseId, SceneHash, SessionId};
+use tessera_proto::{LeaseId, SceneHash, SessionId};
 use tokio::sync::mpsc;
 use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
-use tonic::{Code, Status, Streaming};
+use tonic::{Code, Request, Status, Streaming};
 
 use crate::Config;
 use crate::cache::SceneCache;
 use crate::heart::beat;
+use crate::memory::too_large;
 use crate::render::Foreman;
 use crate::studio::TileTracer;
 
@@ -45,7 +51,7 @@ pub(crate) type LastTracer = Mutex<Option<(SceneHash, Settings, Arc<dyn TileTrac
 
 /// What sessions of one worker have in common.
 pub(crate) struct Session {
-    pub(crate) instance: InstanceId,
+    pub(crate) identity: Identity,
     pub(crate) pool: Arc<ThreadPool>,
     pub(crate) cache: SceneCache,
     /// What rendered the last job.
@@ -64,14 +70,16 @@ pub(crate) enum Outcome {
     Refused(String),
     /// Not to be had, or lost; worth another try.
     Lost(String),
+    /// This job is not for this worker: the next one may be, and there is no hurry.
+    Unable(String),
 }
 
 impl From<Status> for Outcome {
     fn from(status: Status) -> Self {
         match status.code() {
-            Code::FailedPrecondition | Code::InvalidArgument | Code::PermissionDenied | Code::Unimplemented => {
-                Self::Refused(cause(status.message()))
-            }
+            // Any other service at this port may say no: only a coordinator can say that it is for good.
+            _ if status.metadata().contains_key(REFUSED_KEY) => Self::Refused(cause(status.message())),
+            Code::Unimplemented => Self::Lost("whoever listens there is no coordinator of this release".into()),
             _ => Self::Lost(says(&status)),
         }
     }
@@ -122,7 +130,10 @@ impl Session {
         let outcome = match registered {
             Ok(talk) => {
                 welcomed = true;
-                talk.work(self, stop).await.unwrap_or_else(|outcome| outcome)
+                match talk.work(self, stop).await.unwrap_or_else(|outcome| outcome) {
+                    Outcome::Unable(why) => return (false, Outcome::Lost(why)),
+                    outcome => outcome,
+                }
             }
             Err(outcome) => outcome,
         };
@@ -140,26 +151,39 @@ impl Session {
             .keep_alive_while_idle(true)
             .initial_stream_window_size(WINDOW)
             .initial_connection_window_size(WINDOW);
-        endpoint.connect().await.map_err(|e| {
-            let causes = with_causes(String::new(), e.source());
-            // What the operating system says is what people know.
-            let cause = causes.rsplit(": ").next().unwrap_or_default();
+        let (access, to) = (self.config.access.clone(), self.config.connect.clone());
+        let connect = tower::service_fn(move |_| {
+            let (access, to) = (access.clone(), to.clone());
+            async move { access.connect(&to).await.map(TokioIo::new) }
+        });
+        endpoint.connect_with_connector(connect).await.map_err(|e| {
+            // What lies deepest, said by the operating system or of the other side, is what people know.
+            let deepest = std::iter::successors(e.source(), |&e| e.source()).last();
+            let cause = deepest.map_or_else(|| e.to_string(), ToString::to_string);
             Outcome::Lost(format!("cannot connect: {}", cause.split(" (os error").next().unwrap_or_default()))
         })
     }
 
-    async fn register(&self, channel: Channel) -> Result<Talk, Outcome> {
-        let mut client = FarmClient::new(channel)
+    /// What calls over `channel`.
+    fn client(&self, channel: Channel) -> Client {
+        FarmClient::with_interceptor(channel, Credentials(self.config.access.authorization()))
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
-            .max_encoding_message_size(MAX_MESSAGE_BYTES);
+            .max_encoding_message_size(MAX_MESSAGE_BYTES)
+    }
+
+    async fn register(&self, channel: Channel) -> Result<Talk, Outcome> {
+        let mut client = self.client(channel);
         let (out, outbox) = mpsc::channel(DELIVERIES);
-        let registration = Registration {
-            name: cut(&self.config.name, MAX_NAME_BYTES).into(),
-            threads: self.pool.current_num_threads() as u32,
-            instance: self.instance,
-            local: self.config.local.as_ref().map(|l| l.secret),
-        };
         let talk = async {
+            let challenge = client.greet(wire::GreetRequest {}).await?.into_inner().challenge;
+            let challenge = challenge.try_into().map_err(|_| Outcome::Lost("a bad challenge".into()))?;
+            let registration = Registration {
+                name: cut(&self.config.name, MAX_NAME_BYTES).into(),
+                threads: self.pool.current_num_threads() as u32,
+                id: self.identity.id(),
+                proof: self.identity.prove(&challenge),
+                local: self.config.local.as_ref().map(|l| l.secret),
+            };
             say(&out, Say::Register(registration.into())).await?;
             let mut inbox = client.work(ReceiverStream::new(outbox)).await?.into_inner();
             match hear(&mut inbox).await? {
@@ -175,7 +199,7 @@ impl Session {
         // On a connection of their own, beats do not wait behind results.
         let beats = match &self.config.local {
             Some(_) => client.clone(),
-            None => FarmClient::new(timeout(REGISTER_WITHIN, self.dial()).await.map_err(|_| no_answer())??),
+            None => self.client(timeout(REGISTER_WITHIN, self.dial()).await.map_err(|_| no_answer())??),
         };
         let heart = beat(beats, session, millis(welcome.heartbeat_interval_ms), millis(welcome.dead_after_ms));
         Ok(Talk { client, session, out, inbox, heart: tokio::spawn(heart) })
@@ -200,6 +224,9 @@ impl Session {
                 prepared
             }
             None => {
+                if let Some(cause) = too_large(bytes, self.config.max_memory) {
+                    return Err(talk.unable(cause).await);
+                }
                 self.cache.make_room();
                 tracing::info!("fetching scene {hash}, {bytes} bytes");
                 let scene = Arc::new(talk.fetch(hash, bytes).await?);
@@ -216,10 +243,7 @@ impl Session {
                 *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(last);
                 Ok(tracer)
             }
-            Err(e) => {
-                say(&talk.out, Say::Unable(wire::Unable { cause: e.to_string() })).await?;
-                Err(Outcome::Lost(format!("the job cannot be rendered here: {e}")))
-            }
+            Err(e) => Err(talk.unable(format!("the job cannot be rendered here: {e}")).await),
         }
     }
 
@@ -231,9 +255,25 @@ impl Session {
     }
 }
 
+/// Puts the secret into every call.
+#[derive(Clone, Debug)]
+pub(crate) struct Credentials(Option<MetadataValue<Ascii>>);
+
+impl tonic::service::Interceptor for Credentials {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(value) = &self.0 {
+            request.metadata_mut().insert("authorization", value.clone());
+        }
+        Ok(request)
+    }
+}
+
+/// What calls the coordinator.
+pub(crate) type Client = FarmClient<InterceptedService<Channel, Credentials>>;
+
 /// A session that the coordinator welcomed.
 struct Talk {
-    client: FarmClient<Channel>,
+    client: Client,
     session: SessionId,
     out: mpsc::Sender<WorkerMessage>,
     inbox: Streaming<CoordinatorMessage>,
@@ -267,7 +307,7 @@ impl Talk {
         loop {
             tokio::select! {
                 biased;
-                () = stop.cancelled() => return self.drain(foreman).await,
+                () = stop.cancelled() => return self.drain(foreman, session.config.leave_within).await,
                 heart = &mut self.heart => {
                     return Err(Outcome::Lost(heart.unwrap_or_else(|e| e.to_string())));
                 }
@@ -276,7 +316,9 @@ impl Talk {
                     Some(Hear::Finished(_)) => return Ok(Outcome::Finished),
                     Some(Hear::Lease(lease)) => {
                         let lease = Lease::try_from(lease).map_err(|e| Outcome::Lost(format!("a bad lease: {e}")))?;
-                        foreman.take(lease);
+                        if !foreman.take(lease) {
+                            return Err(Outcome::Lost("the coordinator sends more leases than anyone can hold".into()));
+                        }
                     }
                     Some(Hear::Revoke(revoke)) => {
                         if let Some(lease) = foreman.revoke(LeaseId(revoke.lease)) {
@@ -301,6 +343,15 @@ impl Talk {
         let tracer = session.tracer(&job, self).await?;
         let form = (job.pixels, job.settings.transfer);
         Ok(Some(Foreman::new(session.pool.clone(), tracer, form, self.out.clone())))
+    }
+
+    /// Says why the job cannot be done here, and waits a little for it to be heard.
+    async fn unable(&mut self, cause: String) -> Outcome {
+        if say(&self.out, Say::Unable(wire::Unable { cause: cause.clone() })).await.is_ok() {
+            let heard = async { while let Ok(Some(_)) = hear(&mut self.inbox).await {} };
+            let _ = timeout(GOODBYE_WITHIN, heard).await;
+        }
+        Outcome::Unable(cause)
     }
 
     /// Fetches the scene and holds it against its hash.
@@ -332,16 +383,26 @@ impl Talk {
         if got != hash { Err(bad(&"its hash differs")) } else { Ok(scene) }
     }
 
-    /// Leaves in order: returns what was not begun, delivers the rest, ends this half.
-    async fn drain(mut self, foreman: Foreman) -> Result<Outcome, Outcome> {
+    /// Leaves in order: returns what was not begun, delivers what ends within `patience`, returns the rest, and
+    /// ends this half.
+    async fn drain(mut self, foreman: Foreman, patience: Duration) -> Result<Outcome, Outcome> {
         tracing::info!("leaving after the tile at work");
         say(&self.out, Say::Draining(wire::Draining {})).await?;
         for lease in foreman.clear() {
             give_back(&self.out, &lease).await?;
         }
         let mut look = tokio::time::interval(Duration::from_millis(5));
+        let enough = tokio::time::sleep(patience);
+        tokio::pin!(enough);
         while !foreman.is_still() {
             tokio::select! {
+                () = &mut enough => {
+                    tracing::warn!("the tile at work takes too long: it is given back");
+                    for lease in foreman.give_up() {
+                        give_back(&self.out, &lease).await?;
+                    }
+                    break;
+                }
                 _ = look.tick() => {}
                 heart = &mut self.heart => return Err(Outcome::Lost(heart.unwrap_or_else(|e| e.to_string()))),
                 heard = hear(&mut self.inbox) => match heard? {

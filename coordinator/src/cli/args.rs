@@ -7,7 +7,9 @@ use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use tessera_core::film::Region;
-use tessera_core::settings::{Quality, Transfer};
+use tessera_core::settings::{Quality, Settings, Transfer};
+
+use super::access::{AccessFlags, PictureFlags, TokenCommand};
 
 const STYLES: Styles = Styles::styled()
     .header(AnsiColor::Green.on_default().bold())
@@ -63,6 +65,15 @@ pub(crate) enum Command {
     /// Measure what accuracy costs on a scene, and recommend a setting
     #[command(after_help = super::measure::EXAMPLES, after_long_help = super::measure::MORE)]
     Measure(Box<super::measure::Flags>),
+    /// Print the token that lets workers of other machines join, or make another
+    #[command(after_help = "Examples:\n  \
+        coordinator token                             print it; it is made on first use\n  \
+        coordinator token show > token.txt            for 'worker --token-file token.txt'\n  \
+        coordinator token renew                       the one before lets nobody in any more")]
+    Token {
+        #[command(subcommand)]
+        command: Option<TokenCommand>,
+    },
     /// Print a script that completes this program's commands and flags in a shell
     #[command(after_help = "Examples:\n  \
         coordinator completions bash > ~/.local/share/bash-completion/completions/coordinator\n  \
@@ -118,6 +129,8 @@ const RENDER_MORE: &str = "Examples:\n  \
 pub(crate) struct Render {
     /// Scene to render
     pub(crate) scene: PathBuf,
+    #[command(flatten)]
+    pub(crate) pictures: PictureFlags,
 
     /// Picture to write: .png, .ppm (P6), .pfm or .exr [default: the scene's name with .png, in the current folder]
     #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
@@ -143,7 +156,7 @@ pub(crate) struct Render {
     pub(crate) plane_height: f64,
 
     /// Rays in a path at most, the camera's included: 1 shows no reflections
-    #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..), allow_hyphen_values = true, help_heading = "Accuracy")]
+    #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)), allow_hyphen_values = true, help_heading = "Accuracy")]
     pub(crate) max_depth: u32,
     /// Root mean squared error by name: draft is 2 8-bit steps, normal 0.5, final 0.25, reference 0.05 [default: normal, unless another accuracy is asked for]
     #[arg(long, value_name = "NAME", conflicts_with_all = ["max_error", "time_limit", "samples"], help_heading = "Accuracy")]
@@ -173,6 +186,11 @@ pub(crate) struct Render {
     /// How long to go on without any worker: 90s, 1h, 'forever' [default: 30s for the first, 5m after one was lost]
     #[arg(long, value_name = "D|forever", value_parser = patience, allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) wait_for_workers: Option<Duration>,
+    #[command(flatten)]
+    pub(crate) access: AccessFlags,
+    /// Share of the tiles that are rendered a second time elsewhere and compared: 5%, 1/20, all; the first two of every worker too
+    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = share, help_heading = "Farm")]
+    pub(crate) verify: f64,
     /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) tile: TileArg,
@@ -213,6 +231,8 @@ pub(crate) struct Picture {
 pub(crate) struct Check {
     /// Scene to check
     pub(crate) scene: PathBuf,
+    #[command(flatten)]
+    pub(crate) pictures: PictureFlags,
     /// Print JSON for machines instead of text
     #[arg(long)]
     pub(crate) json: bool,
@@ -356,6 +376,20 @@ fn tile(text: &str) -> Result<TileArg, String> {
     }
 }
 
+/// A share of the tiles, 0 to 1.
+fn share(text: &str) -> Result<f64, String> {
+    let wrong = || "expected a share of the tiles, such as 5%, 1/20, 0.05 or all".to_string();
+    let number = |t: &str| t.trim().parse::<f64>().map_err(|_| wrong());
+    let share = match (text, text.strip_suffix('%'), text.split_once('/')) {
+        ("all", ..) => 1.0,
+        ("none", ..) => 0.0,
+        (_, Some(percent), _) => number(percent)? / 100.0,
+        (_, None, Some((above, below))) => number(above)? / number(below)?,
+        _ => number(text)?,
+    };
+    if (0.0..=1.0).contains(&share) { Ok(share) } else { Err(wrong()) }
+}
+
 /// A duration of at least a millisecond and at most a year: numbers with units, added up; seconds without one.
 pub(super) fn duration(text: &str) -> Result<Duration, String> {
     let wrong = || "expected a time, such as 90s, 1.5m, 1h30m or 500ms".to_string();
@@ -440,6 +474,16 @@ mod tests {
         assert_eq!(colour("00ff00"), Ok([0, 255, 0]));
         for bad in ["", "#fff", "red", "#gg0000", "+12345", "#1234567"] {
             assert!(colour(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn shares_are_written_as_people_write_them() {
+        for (text, s) in [("5%", 0.05), ("1/20", 0.05), ("0.05", 0.05), ("all", 1.0), ("100%", 1.0), ("0", 0.0)] {
+            assert_eq!(share(text), Ok(s), "{text}");
+        }
+        for bad in ["", "5", "-1%", "101%", "1/0", "0/0", "x", "NaN", "1/2/3", "%"] {
+            assert!(share(bad).is_err(), "{bad}");
         }
     }
 

@@ -25,7 +25,7 @@ struct Checked<'a> {
 
 /// Checks and describes the scene.
 pub(crate) fn run(raw: &Check, console: &Console) -> Result<Exit, Failure> {
-    let read = scene::read(&raw.scene);
+    let read = scene::read(&raw.scene, raw.pictures.allow_pictures.clone());
     let file = raw.scene.display().to_string();
     if !raw.json {
         let (_, warnings) = read.counts();

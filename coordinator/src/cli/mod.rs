@@ -1,5 +1,6 @@
 //! From the command line to an exit code.
 
+mod access;
 mod args;
 mod check;
 mod compare;
@@ -18,6 +19,7 @@ mod render;
 mod report;
 mod scene;
 mod signals;
+mod verification;
 
 use std::time::Instant;
 
@@ -55,6 +57,7 @@ pub(crate) fn run() -> Exit {
         Command::Picture(raw) => picture::run(&raw, &console),
         Command::Compare(raw) => compare::run(&raw, &console),
         Command::Measure(raw) => measure::run(*raw, &console, began),
+        Command::Token { command } => access::token(command.unwrap_or_default(), &console),
         Command::Completions { shell } => {
             let mut text = Vec::new();
             clap_complete::generate(shell, &mut Args::command(), "coordinator", &mut text);

@@ -9,6 +9,7 @@ use tessera_core::film::Region;
 use tessera_core::film::file::{Depth, Output};
 use tessera_core::settings::{Quality, Sampling, Settings, View};
 
+use super::access::AccessFlags;
 use super::args::{PatternArg, ProgressArg, Render, TileArg};
 use super::exit::{Exit, Failure};
 
@@ -29,6 +30,11 @@ pub(crate) struct Options {
     pub(crate) threads: usize,
     pub(crate) listen: Option<String>,
     pub(crate) patience: Patience,
+    pub(crate) access: AccessFlags,
+    /// Share of the tiles that are rendered twice, 0 to 1.
+    pub(crate) verify: f64,
+    /// Folders that pictures are taken from beside the scene's own.
+    pub(crate) pictures: Vec<PathBuf>,
     pub(crate) report: Option<ReportTo>,
     /// Where what is done is kept.
     pub(crate) journal: Option<PathBuf>,
@@ -125,6 +131,12 @@ impl Options {
             (Some(Depth::Sixteen), None) => PixelFormat::Rgb16,
             _ => PixelFormat::F32,
         };
+        let mut journal = super::journal::place(raw.journal, &path);
+        if raw.verify > 0.0 && journal.take().is_some() {
+            notes.push(
+                "--verify keeps no journal: an interrupted render begins anew, since tiles may be taken back".into(),
+            );
+        }
         let workers = raw.workers.map_or(if raw.listen.is_some() { 0 } else { 2 }, usize::from);
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Self {
@@ -142,8 +154,11 @@ impl Options {
             threads: raw.threads.map_or_else(cores, usize::from),
             listen: raw.listen,
             patience: raw.wait_for_workers.map_or_else(Patience::default, Patience::from),
-            journal: super::journal::place(raw.journal, &path),
+            journal,
             restart: raw.restart,
+            access: raw.access,
+            verify: raw.verify,
+            pictures: raw.pictures.allow_pictures,
             report,
             progress: raw.progress,
             notes,

@@ -14,6 +14,7 @@ use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 use tracing::info;
 
+use super::access::raise_open_files;
 use super::args::{ProgressArg, Render};
 use super::console::Console;
 use super::describe::Description;
@@ -46,6 +47,9 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
     let rest =
         Rest { options: &options, description: description.as_ref(), phases, began, journal: journal.as_deref() };
     rest.finish(&output, &rendered, room)?;
+    if let Some(warning) = super::verification::warning(&rendered.verification) {
+        console.warning(&warning);
+    }
     let summary = summary(&output, &rendered, began);
     match error {
         None => {
@@ -129,8 +133,8 @@ async fn render(
 
     let mut phases = Phases::default();
     let reading = Instant::now();
-    let path = options.scene.clone();
-    let read = unless_stopped(&stop, blocking(move || scene::read(&path))).await??;
+    let (path, folders) = (options.scene.clone(), options.pictures.clone());
+    let read = unless_stopped(&stop, blocking(move || scene::read(&path, folders))).await??;
     phases.read = reading.elapsed();
     info!(seconds = phases.read.as_secs_f64(), "scene read");
     for path in &read.pictures {
@@ -156,6 +160,7 @@ async fn render(
         workers: options.workers,
         threads: options.threads,
         goal: goal(&options),
+        verify: options.verify,
         patience: options.patience,
         journal,
         ..RenderJob::new(source, options.settings)
@@ -215,11 +220,13 @@ fn missed(options: &Options, rendered: &Rendered) -> Option<String> {
 
 /// Listens before anything is read, so that a port in use costs no time.
 async fn bind(options: &Options, console: &Console) -> Result<Farm, Failure> {
+    raise_open_files();
     let listen = match &options.listen {
         Some(text) => resolve(text).await?,
         None => coordinator::ListenAddr::Loopback,
     };
-    let farm = Farm::bind(listen).await.map_err(|e| match &e {
+    let access = options.access.access(listen, console)?;
+    let farm = Farm::bind_guarded(listen, &access).await.map_err(|e| match &e {
         RenderError::Listen { source, .. } if source.kind() == std::io::ErrorKind::AddrInUse => Failure::new(
             Exit::Failed,
             format!("{e}; another program listens there: choose another port, or 0 for any free one"),
@@ -227,11 +234,8 @@ async fn bind(options: &Options, console: &Console) -> Result<Farm, Failure> {
         _ => failure(&e),
     })?;
     if options.listen.is_some() || options.workers == 0 {
-        console.say(&format!(
-            "workers are awaited on {}; start them by: worker --connect HOST:{}",
-            farm.addr(),
-            farm.addr().port()
-        ));
+        let how = options.access.invitation(farm.addr(), &access);
+        console.say(&format!("workers are awaited on {}; start them by: {how}", farm.addr()));
     }
     Ok(farm)
 }

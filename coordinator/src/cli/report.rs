@@ -11,6 +11,7 @@ use tessera_proto::limits::{BUILD, NUMERIC_MODE};
 
 use super::describe::Description;
 use super::options::{Accuracy as Wanted, Options};
+use super::verification::VerificationReport;
 
 /// Wall-clock time by phase.
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,6 +40,9 @@ pub(crate) struct Report<'a> {
     tiles: u64,
     earlier: Earlier,
     workers: Vec<Worker<'a>>,
+    verification: Option<VerificationReport<'a>>,
+    /// Calls without the farm's token or a certificate.
+    refused_calls: u64,
     scene: &'a Description,
     settings: SettingsReport,
 }
@@ -250,6 +254,8 @@ impl<'a> Report<'a> {
             tiles: rendered.tiles,
             earlier: Earlier { tiles: rendered.earlier.tiles, rays: rendered.earlier.rays.total() },
             workers: rendered.workers.iter().map(Worker::new).collect(),
+            verification: VerificationReport::new(&rendered.verification),
+            refused_calls: rendered.strangers,
             scene,
             settings: SettingsReport {
                 width: view.width(),

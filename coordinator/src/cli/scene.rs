@@ -27,9 +27,9 @@ pub(crate) struct Read {
     omitted: Option<String>,
 }
 
-/// Reads the scene at `path`.
-pub(crate) fn read(path: &Path) -> Read {
-    match xml::read_file(path, &ReadOptions::default()) {
+/// Reads the scene at `path`, with pictures from its own folder and those `folders`.
+pub(crate) fn read(path: &Path, folders: Vec<PathBuf>) -> Read {
+    match xml::read_file(path, &ReadOptions { picture_folders: folders, ..ReadOptions::default() }) {
         Ok(xml::Read { scene, warnings, omitted_warnings, pictures }) => Read {
             scene: Some(scene),
             diagnostics: warnings,

@@ -1,31 +1,37 @@
 //! The one task that owns the scheduler: it hears workers, reads the clock, and does
 //! what the scheduler asks for.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+mod figures;
+mod verification;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use tessera_core::film::Region;
 use tessera_proto::convert::{TileDone, check_size};
+use tessera_proto::identity::WorkerId;
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
-use tessera_proto::{InstanceId, PixelFormat, SessionId};
+use tessera_proto::{PixelFormat, SessionId};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, sleep_until, timeout_at};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
+use super::guard::for_good;
 use super::pace::Pace;
 use super::passes::{Passes, Turn};
 use super::pulse::Pulse;
-use super::service::{BROKE, Door, Heard, IN_PEACE, Joined, Mouth, Said, Visitor};
+use super::roster::{Entered, Roster};
+use super::service::{Door, Heard, Joined, Mouth, Said, Visitor};
 use super::stitch::Stitch;
 use super::timing::Timing;
-use crate::job::{Progress, RenderError, WorkerStats};
+use super::verify::Verify;
+use crate::job::{Progress, RenderError, Verification};
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
+pub(super) use verification::OwnCore;
+use verification::is_check;
 
-/// Workers that may register in one render, reconnections of the same one not counted.
-const WORKERS: usize = 10_000;
 /// How long workers are given to hear that the render is over.
 const GOODBYE_WITHIN: Duration = Duration::from_millis(250);
 
@@ -34,12 +40,17 @@ const PULSE_EVERY: Duration = Duration::from_millis(100);
 /// What comes and goes is said under this name, also where nothing else is.
 const FARM: &str = "farm";
 
+/// The end of the render, once it is there.
+type Ended = Option<Result<(), RenderError>>;
+
 /// A worker that is connected.
 struct Seat {
     session: SessionId,
     mouth: Mouth,
     cut: CancellationToken,
-    instance: InstanceId,
+    id: WorkerId,
+    /// Whether it may render.
+    ready: bool,
     /// Place of its figures in [`Progress::workers`].
     place: usize,
     /// Whether it is one of this process.
@@ -69,9 +80,12 @@ pub(super) struct Driver {
     /// Tiles of the pass at hand that an earlier run did.
     tiles_of_pass: u64,
     seats: BTreeMap<WorkerKey, Seat>,
-    places: HashMap<InstanceId, usize>,
-    /// Workers that broke the rules, and how.
-    banned: HashMap<InstanceId, String>,
+    roster: Roster,
+    verify: Verify,
+    verification: Verification,
+    /// What decides where workers disagree, until it is started.
+    own_core: Option<OwnCore>,
+    own: Option<std::sync::mpsc::Sender<verification::Wanted>>,
     next_worker: u64,
     /// When pulses are looked at next.
     pulse_at: Duration,
@@ -82,11 +96,11 @@ impl Driver {
     pub(super) fn new(
         scheduler: Scheduler,
         (door, pixels): (Arc<Door>, PixelFormat),
-        heard: mpsc::Receiver<Heard>,
-        tiles: mpsc::Sender<Stitch>,
+        (heard, tiles): (mpsc::Receiver<Heard>, mpsc::Sender<Stitch>),
         progress: watch::Sender<Progress>,
         passes: Passes,
         (start, timing): (Instant, Timing),
+        (verify, own_core): (Verify, OwnCore),
     ) -> Self {
         Self {
             scheduler,
@@ -102,8 +116,11 @@ impl Driver {
             leasing: false,
             tiles_of_pass: 0,
             seats: BTreeMap::new(),
-            places: HashMap::new(),
-            banned: HashMap::new(),
+            roster: Roster::default(),
+            verify,
+            verification: Verification::default(),
+            own_core: Some(own_core),
+            own: None,
             next_worker: 0,
             pulse_at: Duration::ZERO,
             last_cause: None,
@@ -111,7 +128,13 @@ impl Driver {
     }
 
     /// Renders until the end, and dismisses the workers. Also says when the end was.
-    pub(super) async fn run(mut self, cancel: &CancellationToken) -> (Result<(), RenderError>, Instant, Passes) {
+    pub(super) async fn run(
+        mut self,
+        cancel: &CancellationToken,
+    ) -> (Result<(), RenderError>, Instant, Passes, Verification) {
+        if self.verify.is_on() {
+            self.scheduler.hold();
+        }
         let first = self.passes.first();
         let mut end = self.begin(first).await;
         // Far off where there is none.
@@ -141,11 +164,11 @@ impl Driver {
             self.progress.send_modify(|p| (p.share, p.remaining) = (1.0, Some(Duration::ZERO)));
         }
         self.dismiss().await;
-        (end, ended, self.passes)
+        (end, ended, self.passes, self.verification)
     }
 
     /// Begins what comes next, or ends the render where nothing does.
-    async fn begin(&mut self, turn: Turn) -> Option<Result<(), RenderError>> {
+    async fn begin(&mut self, turn: Turn) -> Ended {
         let (pass, is_look) = self.passes.at_hand();
         self.progress.send_modify(|p| {
             (p.tiles_done, p.pixels_done, p.pixels_total) = (turn.tiles_done, turn.pixels_done, turn.pixels);
@@ -169,7 +192,7 @@ impl Driver {
         None
     }
 
-    async fn hear(&mut self, heard: Heard) -> Option<Result<(), RenderError>> {
+    async fn hear(&mut self, heard: Heard) -> Ended {
         match heard {
             Heard::Joined(joined) => self.admit(joined).await,
             Heard::Left { worker, cause } => {
@@ -181,9 +204,24 @@ impl Driver {
             }
             // Words that were on their way when the session ended.
             Heard::Said { worker, .. } if !self.seats.contains_key(&worker) => None,
+            Heard::Decided { check, sum } => self.decided(check, sum).await,
+            Heard::Said { worker, said: Said::Done(done) } if is_check(done.lease) => {
+                self.check_answered(worker, done).await
+            }
+            Heard::Said { worker, said: Said::Returned { lease, .. } | Said::Failed { lease, .. } }
+                if is_check(lease) =>
+            {
+                self.check_failed(worker, lease)
+            }
             Heard::Said { worker, said } => match said {
-                Said::Ready => self.tell(Event::Ready { worker }, None).await,
-                Said::Draining => self.tell(Event::Draining { worker }, None).await,
+                Said::Ready => {
+                    self.is_ready(worker, true);
+                    self.tell(Event::Ready { worker }, None).await
+                }
+                Said::Draining => {
+                    self.is_ready(worker, false);
+                    self.tell(Event::Draining { worker }, None).await
+                }
                 Said::Returned { lease, attempt } => self.tell(Event::Returned { worker, lease, attempt }, None).await,
                 Said::Failed { lease, attempt, cause } => {
                     tracing::warn!("{} failed at a tile: {cause}", self.name(worker));
@@ -196,13 +234,19 @@ impl Driver {
         }
     }
 
-    async fn left(&mut self, worker: WorkerKey, cause: String) -> Option<Result<(), RenderError>> {
+    fn is_ready(&mut self, worker: WorkerKey, ready: bool) {
+        if let Some(seat) = self.seats.get_mut(&worker) {
+            seat.ready = ready;
+        }
+    }
+
+    async fn left(&mut self, worker: WorkerKey, cause: String) -> Ended {
         let end = self.tell(Event::Left { worker, cause: cause.clone() }, None).await;
         self.unseat(worker, &cause);
         end
     }
 
-    async fn delivered(&mut self, worker: WorkerKey, done: TileDone) -> Option<Result<(), RenderError>> {
+    async fn delivered(&mut self, worker: WorkerKey, done: TileDone) -> Ended {
         if let Some(region) = self.scheduler.region_of(worker, done.lease)
             && let Err(e) = check_size(&done.pixels, self.pixels, &region)
         {
@@ -219,9 +263,16 @@ impl Driver {
     }
 
     /// Tells the scheduler, and does what it asks for, from pass to pass. `done` is the tile at hand.
-    async fn tell(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
-        match self.tell_once(event, done).await {
+    async fn tell(&mut self, event: Event, done: Option<TileDone>) -> Ended {
+        let mut end = self.tell_once(event, done).await;
+        // Under verification a pass is over when its checks are, too.
+        let verified = self.verify.is_on() && !self.verify.is_waiting();
+        if end.is_none() && verified && self.scheduler.is_done() {
+            end = Some(Ok(()));
+        }
+        match end {
             Some(Ok(())) => {
+                self.verify.next_pass(self.passes.is_kept());
                 let turn = self.passes.passed();
                 match self.begin(turn).await {
                     // Nothing is done at once, so that this goes no deeper.
@@ -233,7 +284,7 @@ impl Driver {
         }
     }
 
-    async fn tell_once(&mut self, event: Event, done: Option<TileDone>) -> Option<Result<(), RenderError>> {
+    async fn tell_once(&mut self, event: Event, done: Option<TileDone>) -> Ended {
         let mut effects = Vec::new();
         if matches!(event, Event::Tick) {
             let elapsed = self.start.elapsed();
@@ -259,6 +310,7 @@ impl Driver {
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
                     self.count(worker, region, done);
+                    self.verify(worker, region, done);
                     let name = self.name(worker);
                     let Some(first) = self.passes.accept(region, done, name) else { continue };
                     let stitch = Stitch::New { region, pixels: done.pixels.clone(), first };
@@ -309,33 +361,33 @@ impl Driver {
         self.progress.send_modify(|p| p.elapsed = now);
     }
 
-    async fn admit(&mut self, joined: Joined) -> Option<Result<(), RenderError>> {
-        let Joined { registration, address, pulse, mouth, cut, reply } = joined;
+    async fn admit(&mut self, joined: Joined) -> Ended {
+        let Joined { registration, local, address, pulse, mouth, cut, reply } = joined;
         if reply.is_closed() {
             // It has given up waiting for an answer.
             return None;
         }
-        let instance = registration.instance;
-        if let Some(rule) = self.banned.get(&instance) {
-            let _ = reply.send(Err(Status::permission_denied(format!("cut off before: {rule}"))));
+        let id = registration.id;
+        if let Some(rule) = self.roster.banned(id) {
+            let _ = reply.send(Err(for_good(Status::permission_denied(format!("cut off before: {rule}")))));
             return None;
         }
-        let before = self.seats.iter().find(|(_, seat)| seat.instance == instance).map(|(&worker, _)| worker);
+        let before = self.seats.iter().find(|(_, seat)| seat.id == id).map(|(&worker, _)| worker);
         if let Some(before) = before
             && let Some(end) = self.left(before, "it dialled again".into()).await
         {
             return Some(end);
         }
-        let known = self.places.get(&instance).copied();
-        if known.is_none() && self.places.len() >= WORKERS {
-            let _ = reply.send(Err(Status::resource_exhausted("too many workers")));
+        let room = self.door.gate.workers();
+        if self.seats.len() >= room {
+            let full = format!("there is room for {room} workers here, by the limit of open files (ulimit -n)");
+            let _ = reply.send(Err(Status::resource_exhausted(full)));
             return None;
         }
         let worker = WorkerKey(self.next_worker);
         self.next_worker += 1;
         let session = SessionId(fastrand::u64(..));
-        let (place, name) = self.place(known, registration.name, registration.threads, address);
-        self.places.insert(instance, place);
+        let Entered { instance, place, name, back } = self.enter(&registration, local, address);
         let welcome = Welcome {
             session: session.0,
             name: name.clone(),
@@ -345,46 +397,20 @@ impl Driver {
         };
         let sessions = &self.door.sessions;
         sessions.lock().unwrap_or_else(PoisonError::into_inner).insert(session, Visitor::new(pulse.clone()));
-        let (threads, own) = (registration.threads, registration.local.is_some());
-        self.seats.insert(worker, Seat { session, mouth, cut, instance, place, own, pulse, felt: 0, lost: 0 });
+        let (threads, own) = (registration.threads, local);
+        let seat = Seat { session, mouth, cut, id, ready: false, place, own, pulse, felt: 0, lost: 0 };
+        self.seats.insert(worker, seat);
         self.say(worker, Kind::Welcome(welcome));
         if reply.send(Ok((worker, session))).is_err() {
             return self.left(worker, "it left while registering".into()).await;
         }
-        let verb = if known.is_some() { "is back" } else { "joined" };
+        let verb = if back { "is back" } else { "joined" };
         match (own, threads) {
             (true, _) => tracing::debug!("{name} {verb}"),
             (false, 1) => tracing::info!(target: FARM, "{name} {verb} with 1 thread"),
             (false, n) => tracing::info!(target: FARM, "{name} {verb} with {n} threads"),
         }
         self.tell(Event::Joined { worker, threads, instance, own }, None).await
-    }
-
-    /// Where a worker's figures are kept, and the name they are kept under: its own, unless
-    /// another worker has it.
-    fn place(&self, known: Option<usize>, name: String, threads: u32, address: String) -> (usize, String) {
-        let mut given = None;
-        self.progress.send_modify(|p| {
-            if let Some((place, w)) = known.and_then(|k| Some((k, p.workers.get_mut(k)?))) {
-                w.connected = true;
-                w.left = None;
-                w.address = address;
-                given = Some((place, w.name.clone()));
-                return;
-            }
-            let taken = |name: &str| p.workers.iter().any(|w| w.name == name);
-            let mut unique = name.clone();
-            let mut n = 2u32;
-            while taken(&unique) {
-                unique = format!("{name} ({n})");
-                n += 1;
-            }
-            let stats =
-                WorkerStats { name: unique.clone(), threads, address, connected: true, ..WorkerStats::default() };
-            given = Some((p.workers.len(), unique));
-            p.workers.push(stats);
-        });
-        given.unwrap_or((0, name))
     }
 
     fn say(&mut self, worker: WorkerKey, kind: Kind) {
@@ -405,7 +431,7 @@ impl Driver {
         let cause = status.message().to_owned();
         if let Some(seat) = self.seats.get(&worker) {
             if let CutOff::Broke(rule) = why {
-                self.banned.insert(seat.instance, rule.clone());
+                self.roster.ban(seat.id, rule.clone());
             }
             let _ = seat.mouth.try_send(Err(status));
             seat.cut.cancel();
@@ -424,63 +450,9 @@ impl Driver {
         if let Some(seat) = self.seats.remove(&worker) {
             self.door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&seat.session);
             seat.cut.cancel();
+            self.roster.left(seat.id);
+            self.reassign(worker, seat.id);
         }
-    }
-
-    /// Says that a worker left, in the farm's words; what lies beneath only to whoever asks for it.
-    fn say_left(&self, worker: WorkerKey, cause: &str) {
-        let name = self.name(worker);
-        let lost = match self.seats.get(&worker).map_or(0, |s| s.lost) {
-            0 => String::new(),
-            1 => "; 1 tile given to others".into(),
-            n => format!("; {n} tiles given to others"),
-        };
-        if cause == IN_PEACE && self.seats.get(&worker).is_some_and(|s| s.own) {
-            tracing::debug!("{name} left{lost}");
-        } else if cause == IN_PEACE {
-            tracing::info!(target: FARM, "{name} left{lost}");
-        } else if cause.starts_with(BROKE) {
-            tracing::warn!(target: FARM, "{name} left: connection lost{lost}");
-            tracing::info!("{name}: {cause}");
-        } else {
-            tracing::warn!(target: FARM, "{name} left: {cause}{lost}");
-        }
-    }
-
-    fn name(&self, worker: WorkerKey) -> String {
-        let progress = self.progress.borrow();
-        let stats = self.seats.get(&worker).and_then(|s| progress.workers.get(s.place));
-        stats.map_or_else(|| "a worker".into(), |w| w.name.clone())
-    }
-
-    fn figures(&self, worker: WorkerKey, change: impl FnOnce(&mut WorkerStats)) {
-        let Some(place) = self.seats.get(&worker).map(|s| s.place) else { return };
-        self.progress.send_modify(|p| {
-            if let Some(w) = p.workers.get_mut(place) {
-                change(w);
-            }
-        });
-    }
-
-    fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
-        let (tiles_total, earlier, elapsed) =
-            (self.scheduler.tiles_estimate(), self.tiles_of_pass, self.start.elapsed());
-        self.pace.add(self.passes.work(&region));
-        let (share, remaining) = self.pace.tell(elapsed);
-        let place = self.seats.get(&worker).map(|s| s.place);
-        self.progress.send_modify(|p| {
-            p.tiles_done += 1;
-            p.tiles_total = (tiles_total + earlier).max(p.tiles_done);
-            p.pixels_done += region.area();
-            p.rays += done.rays;
-            (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining);
-            if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
-                w.tiles += 1;
-                w.pixels += region.area();
-                w.rays += done.rays;
-                w.busy += done.busy;
-            }
-        });
     }
 
     /// Tells everyone that there is no more work, and waits a little for them to hear it.
@@ -499,7 +471,7 @@ impl Driver {
                 Ok(Some(Heard::Joined(late))) => {
                     let _ = late.reply.send(Err(Status::unavailable("the render is over")));
                 }
-                Ok(Some(Heard::Said { .. })) => {}
+                Ok(Some(Heard::Said { .. } | Heard::Decided { .. })) => {}
                 Ok(None) | Err(_) => break,
             }
         }

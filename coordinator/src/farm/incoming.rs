@@ -1,6 +1,8 @@
-//! Connections: how many, and how long they may stay silent.
+//! Connections as they come: counted, watched, and made secure where the farm is guarded.
 
+use std::future::Future;
 use std::io;
+use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -8,103 +10,182 @@ use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
-use tokio::time::Sleep;
+use tokio::sync::mpsc;
+use tokio::time::sleep_until;
+use tokio_rustls::TlsAcceptor;
 use tokio_stream::wrappers::ReceiverStream;
-use tokio_util::sync::CancellationToken;
-use tonic::transport::server::{Connected, TcpConnectInfo};
+use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
+use tonic::transport::server::Connected;
 
+use super::gate::{Connection, Gate};
 use super::pulse::Pulse;
+use super::strangers::Strangers;
+use crate::access::Guarded;
 
-/// Connections at once, at most: below the usual limit of open files, which would make
-/// accepting fail in a busy loop.
-const CONNECTIONS: usize = 900;
-/// How long a connection may take to say its first byte.
-const SPEAK_WITHIN: Duration = Duration::from_secs(5);
 /// Fewer bytes at a time may be the answer to a ping, which a connection gives by itself: a worker may be dead behind
 /// it.
 const MORE_THAN_A_PING: usize = 128;
 /// Pause after accepting failed.
 const AFTER_FAILURE: Duration = Duration::from_millis(200);
+/// The first byte of a TLS handshake.
+const TLS: u8 = 0x16;
+
+/// Who is at the other end, as far as the connection tells.
+#[derive(Clone, Debug)]
+pub(super) struct Peer {
+    pub(super) address: SocketAddr,
+    pub(super) connection: Arc<Connection>,
+    pub(super) standing: Standing,
+    pub(super) pulse: Pulse,
+}
+
+/// What a connection has shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// The farm asks for nothing.
+    Open,
+    /// It came without TLS to a farm that asks for it.
+    Plain,
+    /// TLS; with a certificate of an authority that the farm takes, or without.
+    Secure { certified: bool },
+}
+
+/// What connections are held against.
+#[derive(Clone, Debug)]
+pub(super) struct Doorway {
+    pub(super) gate: Arc<Gate>,
+    pub(super) strangers: Arc<Strangers>,
+    pub(super) guard: Option<Arc<Guarded>>,
+}
 
 /// Accepts connections until `stop`.
-pub(super) fn accept(listener: TcpListener, stop: CancellationToken) -> ReceiverStream<io::Result<Guarded>> {
+pub(super) fn accept(
+    listener: TcpListener,
+    doorway: Doorway,
+    stop: CancellationToken,
+) -> ReceiverStream<io::Result<Incoming>> {
     let (sender, receiver) = mpsc::channel(16);
     tokio::spawn(async move {
-        let room = Arc::new(Semaphore::new(CONNECTIONS));
         loop {
             let accepted = tokio::select! {
                 () = stop.cancelled() => return,
-                accepted = async {
-                    let permit = room.clone().acquire_owned().await.ok()?;
-                    Some(listener.accept().await.map(|(stream, _)| (stream, permit)))
-                } => accepted,
+                accepted = listener.accept() => accepted,
             };
             match accepted {
-                Some(Ok((stream, permit))) => {
+                Ok((stream, address)) => {
+                    let Some(connection) = doorway.gate.enter(address.ip()) else { continue };
                     // Small messages must not wait for large ones.
                     let _ = stream.set_nodelay(true);
-                    let silence = Some(Box::pin(tokio::time::sleep(SPEAK_WITHIN)));
-                    let pulse = Pulse::default();
-                    if sender.send(Ok(Guarded { stream, silence, pulse, _permit: permit })).await.is_err() {
-                        return;
-                    }
+                    let watched = Watched::new(stream, connection, doorway.gate.clone());
+                    let (doorway, sender) = (doorway.clone(), sender.clone());
+                    tokio::spawn(async move {
+                        if let Some(incoming) = doorway.secure(watched, address).await {
+                            let _ = sender.send(Ok(incoming)).await;
+                        }
+                    });
                 }
-                Some(Err(e)) => {
+                Err(e) => {
                     tracing::warn!("cannot accept a connection: {e}");
                     tokio::time::sleep(AFTER_FAILURE).await;
                 }
-                None => return,
             }
         }
     });
     ReceiverStream::new(receiver)
 }
 
-/// A connection that counts, and that fails if its first byte does not come in time.
-pub(super) struct Guarded {
-    stream: TcpStream,
-    silence: Option<Pin<Box<Sleep>>>,
-    /// Bytes are signs of life, whatever they belong to: on a slow line a result takes longer than a worker may
-    /// be silent.
-    pulse: Pulse,
-    _permit: OwnedSemaphorePermit,
-}
-
-/// Whose connection a request came over.
-#[derive(Clone, Debug)]
-pub(super) struct Peer {
-    pub(super) tcp: TcpConnectInfo,
-    pub(super) pulse: Pulse,
-}
-
-impl Connected for Guarded {
-    type ConnectInfo = Peer;
-
-    fn connect_info(&self) -> Peer {
-        Peer { tcp: self.stream.connect_info(), pulse: self.pulse.clone() }
+impl Doorway {
+    /// Shakes hands where the farm is guarded. Gives nothing where the connection is of no use.
+    async fn secure(&self, watched: Watched, address: SocketAddr) -> Option<Incoming> {
+        let (connection, pulse) = (watched.connection.clone(), watched.pulse.clone());
+        let made = async {
+            let Some(guard) = &self.guard else {
+                return Some((Box::new(watched) as Box<dyn Stream>, Standing::Open));
+            };
+            let mut first = [0];
+            if watched.stream.peek(&mut first).await.ok()? == 0 {
+                return None;
+            }
+            if first[0] != TLS {
+                return Some((Box::new(watched) as Box<dyn Stream>, Standing::Plain));
+            }
+            sleep_until(self.strangers.turn(address.ip())?).await;
+            match TlsAcceptor::from(guard.tls.clone()).accept(watched).await {
+                Ok(tls) => {
+                    let certified = tls.get_ref().1.peer_certificates().is_some_and(|c| !c.is_empty());
+                    Some((Box::new(tls) as Box<dyn Stream>, Standing::Secure { certified }))
+                }
+                Err(e) => {
+                    tracing::debug!("no TLS with {address}: {e}");
+                    None
+                }
+            }
+        };
+        let (io, standing) = tokio::select! {
+            made = made => made?,
+            () = connection.cut.cancelled() => return None,
+        };
+        Some(Incoming { io, peer: Peer { address, connection: connection.clone(), standing, pulse } })
     }
 }
 
-impl AsyncRead for Guarded {
+trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Stream for T {}
+
+/// A connection to be served.
+pub(super) struct Incoming {
+    io: Box<dyn Stream>,
+    peer: Peer,
+}
+
+impl Connected for Incoming {
+    type ConnectInfo = Peer;
+
+    fn connect_info(&self) -> Peer {
+        self.peer.clone()
+    }
+}
+
+/// A connection that counts, and that fails when the gate cuts it.
+struct Watched {
+    stream: TcpStream,
+    cut: Pin<Box<WaitForCancellationFutureOwned>>,
+    connection: Arc<Connection>,
+    gate: Arc<Gate>,
+    /// Bytes are signs of life, whatever they belong to: on a slow line a result takes longer than a worker may
+    /// be silent.
+    pulse: Pulse,
+}
+
+impl Watched {
+    fn new(stream: TcpStream, connection: Arc<Connection>, gate: Arc<Gate>) -> Self {
+        let cut = Box::pin(connection.cut.clone().cancelled_owned());
+        Self { stream, cut, connection, gate, pulse: Pulse::default() }
+    }
+}
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        self.gate.left(&self.connection);
+    }
+}
+
+impl AsyncRead for Watched {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let before = buf.filled().len();
-        let read = Pin::new(&mut self.stream).poll_read(cx, buf);
-        if read.is_ready() {
-            self.silence = None;
-            if buf.filled().len() - before >= MORE_THAN_A_PING {
-                self.pulse.beat();
-            }
-        } else if let Some(silence) = &mut self.silence
-            && silence.as_mut().poll(cx).is_ready()
-        {
+        if self.cut.as_mut().poll(cx).is_ready() {
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
+        }
+        let read = Pin::new(&mut self.stream).poll_read(cx, buf);
+        if buf.filled().len() - before >= MORE_THAN_A_PING {
+            self.pulse.beat();
         }
         read
     }
 }
 
-impl AsyncWrite for Guarded {
+impl AsyncWrite for Watched {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, data: &[u8]) -> Poll<io::Result<usize>> {
         Pin::new(&mut self.stream).poll_write(cx, data)
     }
@@ -127,5 +208,37 @@ impl AsyncWrite for Guarded {
 
     fn is_write_vectored(&self) -> bool {
         self.stream.is_write_vectored()
+    }
+}
+
+impl AsyncRead for Incoming {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.io).poll_read(cx, buf)
+    }
+}
+
+impl AsyncWrite for Incoming {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, data: &[u8]) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.io).poll_write(cx, data)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.io).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.io).poll_shutdown(cx)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        data: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.io).poll_write_vectored(cx, data)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.io.is_write_vectored()
     }
 }

@@ -1,13 +1,18 @@
 //! A render from listening to the finished picture.
 
 mod driver;
+mod gate;
+mod guard;
 mod incoming;
 mod pace;
 mod passes;
 mod pulse;
+mod roster;
 mod service;
 mod stitch;
+mod strangers;
 mod timing;
+mod verify;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
@@ -17,6 +22,7 @@ use tessera_core::film::Region;
 use tessera_core::settings::Sampling;
 use tessera_core::trace::PreparedScene;
 use tessera_proto::limits::{KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT};
+use tessera_proto::token::{NoRandomness, Token, random};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::task::{AbortHandle, JoinSet};
@@ -25,14 +31,20 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use tonic::transport::Server;
 use worker::{LocalScene, TileTracer};
 
-use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use crate::access::{Access, Guarded};
+use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished, Verification};
 use crate::journal::{Found, Head, Sink};
 use crate::plan::Plan;
 use crate::scheduler::{self, Scheduler};
-use driver::Driver;
+use driver::{Driver, OwnCore};
+use gate::Gate;
+use guard::GuardLayer;
+use incoming::Doorway;
 use passes::{Clock, Passes};
 use service::{Door, Heard, Offer, Service};
 use stitch::Stitched;
+use strangers::Strangers;
+use verify::Verify;
 
 pub use timing::Timing;
 
@@ -53,6 +65,8 @@ pub struct Farm {
     heard: mpsc::Receiver<Heard>,
     server: Aborted,
     hired: Option<Hired>,
+    guard: Option<Arc<Guarded>>,
+    strangers: Arc<Strangers>,
     /// Whatever ends the farm ends the server and the workers with it.
     closing: DropGuard,
 }
@@ -73,12 +87,21 @@ struct Hired {
 }
 
 impl Farm {
-    /// Listens for workers. They can connect from now on; they are answered once [`Farm::render`] runs.
+    /// Listens for workers, and asks them for nothing: for loopback.
     /// Must be called inside a runtime.
     ///
     /// # Errors
     /// [`RenderError::Listen`] when the address is taken or not of this machine.
     pub async fn bind(listen: ListenAddr) -> Result<Self, RenderError> {
+        Self::bind_guarded(listen, &Access::open()).await
+    }
+
+    /// Listens for workers that `access` lets in. They can connect from now on; they are answered once
+    /// [`Farm::render`] runs. Must be called inside a runtime.
+    ///
+    /// # Errors
+    /// [`RenderError::Listen`] when the address is taken or not of this machine.
+    pub async fn bind_guarded(listen: ListenAddr, access: &Access) -> Result<Self, RenderError> {
         let wanted = match listen {
             ListenAddr::Loopback => SocketAddr::from(([127, 0, 0, 1], 0)),
             ListenAddr::Socket(addr) => addr,
@@ -87,7 +110,12 @@ impl Farm {
         let listener = TcpListener::bind(wanted).await.map_err(failed)?;
         let addr = listener.local_addr().map_err(failed)?;
         let (heard_by, heard) = mpsc::channel(HEARD);
-        let door = Arc::new(Door::new(heard_by));
+        let randomness = |e: NoRandomness| RenderError::Internal(e.to_string());
+        let (gate, strangers) = (Gate::new(), Arc::new(Strangers::default()));
+        let door = Arc::new(Door::new(heard_by, gate.clone()).map_err(randomness)?);
+        let guard = access.guard().cloned();
+        let layer = GuardLayer { strangers: strangers.clone(), guard: guard.clone(), local: door.secret };
+        let doorway = Doorway { gate, strangers: strangers.clone(), guard: guard.clone() };
         let closing = CancellationToken::new();
         let server = Server::builder()
             .max_concurrent_streams(STREAMS)
@@ -96,13 +124,14 @@ impl Farm {
             .max_frame_size(FRAME)
             .http2_keepalive_interval(Some(KEEPALIVE_INTERVAL))
             .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
+            .layer(layer)
             .add_service(Service(door.clone()).into_server())
             .serve_with_incoming_shutdown(
-                incoming::accept(listener, closing.clone()),
+                incoming::accept(listener, doorway, closing.clone()),
                 closing.clone().cancelled_owned(),
             );
         let server = Aborted(tokio::spawn(server).abort_handle());
-        Ok(Self { addr, door, heard, server, hired: None, closing: closing.drop_guard() })
+        Ok(Self { addr, door, heard, server, hired: None, guard, strangers, closing: closing.drop_guard() })
     }
 
     /// Starts `workers` in this process, of so many `threads` together and one each at least. They connect now
@@ -115,7 +144,14 @@ impl Farm {
         let (tracer, local) = watch::channel(None);
         let local = LocalScene { secret: self.door.secret, tracer: local };
         let stop = self.closing.token();
-        let _tasks = start_workers((workers, threads), self.addr, &local, stop);
+        let access = match &self.guard {
+            None => worker::Access::open(),
+            Some(guard) => {
+                let token = Token { pin: guard.pin, secret: self.door.secret };
+                worker::Access::by_token(&token).unwrap_or_default()
+            }
+        };
+        let _tasks = start_workers((workers, threads), (self.addr, access), &local, stop);
         self.hired = Some(Hired { count: workers, tracer, _tasks });
     }
 
@@ -147,7 +183,7 @@ impl Farm {
         let tracer = if self.hired.is_some() { Some(tracer(&job).await?) } else { None };
         progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
 
-        let Self { door, heard, server, hired, closing, .. } = self;
+        let Self { door, heard, server, hired, strangers, closing, .. } = self;
         let offer = Offer { scene: job.scene.scene().clone(), settings: job.settings, pixels: job.pixels };
         door.offer.get_or_init(|| offer);
         if let Some(hired) = &hired {
@@ -177,9 +213,19 @@ impl Farm {
         let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader).map_err(|e| internal(&e))?;
         let plan = Plan::new(job.goal, whole, job.region);
         let passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
-        let driver =
-            Driver::new(scheduler, (door, job.pixels), heard, tiles, progress.clone(), passes, (start, job.timing));
-        let (ended, end, passes) = driver.run(&cancel).await;
+        let seed = random().map_err(|e: NoRandomness| internal(&e))?;
+        let core =
+            OwnCore { scene: job.scene, settings: job.settings, format: job.pixels, threads: job.threads.max(1) };
+        let driver = Driver::new(
+            scheduler,
+            (door, job.pixels),
+            (heard, tiles),
+            progress.clone(),
+            passes,
+            (start, job.timing),
+            (Verify::new(job.verify, seed), core),
+        );
+        let (ended, end, passes, verification) = driver.run(&cancel).await;
         let Stitched { image, done } = stitcher.await.map_err(|e| internal(&e))??;
         drop((server, hired, closing));
 
@@ -201,6 +247,8 @@ impl Farm {
             forecast: passes.forecast(),
             passes: passes.begun,
             timed_out: passes.timed_out,
+            strangers: strangers.total(),
+            verification: Verification { share: job.verify, ..verification },
         };
         match ended {
             Ok(()) => Ok(rendered),
@@ -209,9 +257,10 @@ impl Farm {
     }
 }
 
-/// Starts the job's journal, if it has one, and gives what an earlier run left in it.
+/// Starts the job's journal, if it has one, and gives what an earlier run left in it. What may have to be taken back
+/// is not kept: a journal knows neither whose tiles were confirmed nor by which keys.
 fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
-    let Some(journal) = &job.journal else { return (None, None) };
+    let Some(journal) = job.journal.as_ref().filter(|_| job.verify == 0.0) else { return (None, None) };
     let (scene, goal) = (job.scene.scene().clone(), job.goal);
     let (settings, region, pixels) = (job.settings, job.region, job.pixels);
     journal.start(move || Head::new(&scene, settings, region, pixels, goal))
@@ -233,7 +282,7 @@ async fn tracer(job: &RenderJob) -> Result<Arc<dyn TileTracer>, RenderError> {
 /// Starts workers that share so many threads; they end when the set is dropped.
 fn start_workers(
     (workers, threads): (usize, usize),
-    addr: SocketAddr,
+    (addr, access): (SocketAddr, worker::Access),
     local: &LocalScene,
     stop: &CancellationToken,
 ) -> JoinSet<()> {
@@ -250,6 +299,7 @@ fn start_workers(
             name: format!("local-{}", n + 1),
             once: true,
             local: Some(local.clone()),
+            access: access.clone(),
             ..worker::Config::new(reach.into())
         };
         let stop = stop.clone();

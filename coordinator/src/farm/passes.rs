@@ -227,6 +227,23 @@ impl Passes {
         self.kept.then_some(self.whole == 0)
     }
 
+    /// Forgets `regions` of the pass at hand, which are to be rendered again: `rest` is the error of the others.
+    /// Nothing takes them out of a sink: there is none where tiles may be taken back.
+    pub(super) fn take_back(&mut self, regions: &[Region], rest: ErrorEstimate) {
+        self.at_hand.tiles.retain(|(region, _)| !regions.contains(region));
+        self.at_hand.error = rest;
+    }
+
+    /// How closely the pass at hand looks.
+    pub(super) fn detail(&self) -> Option<Pass> {
+        self.detail
+    }
+
+    /// Whether the pass at hand goes into the picture.
+    pub(super) fn is_kept(&self) -> bool {
+        self.kept
+    }
+
     /// Ends a pass, of which may be known how long it took and when it ended; else it ends now. Gives the one after
     /// it, if there is one.
     fn end(&mut self, known: Option<(Duration, Duration)>) -> Option<Step> {

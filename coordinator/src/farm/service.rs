@@ -6,9 +6,12 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use tessera_core::scene::Scene;
 use tessera_core::settings::Settings;
-use tessera_proto::convert::{Job, Registration, TileDone, cause, check_match, check_pixels};
+use tessera_proto::convert::{Job, Malformed, Registration, TileDone, cause, check_match, check_pixels};
+use tessera_proto::identity::Challenge;
 use tessera_proto::limits::{MAX_MESSAGE_BYTES, REGISTER_WITHIN, SCENE_PIECE_BYTES};
+use tessera_proto::plausible::{brightest, check_light, check_rays};
 use tessera_proto::scene::{SceneEncoder, describe};
+use tessera_proto::token::{NoRandomness, Secret, random};
 use tessera_proto::wire::farm_server::{self, FarmServer};
 use tessera_proto::wire::worker_message::Kind;
 use tessera_proto::wire::{self, BeatReply, BeatRequest, CoordinatorMessage, ScenePiece, SceneRequest, WorkerMessage};
@@ -19,8 +22,11 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
 use tonic::{Request, Response, Status, Streaming};
 
+use super::gate::Gate;
+use super::guard::for_good;
 use super::incoming::Peer;
 use super::pulse::Pulse;
+use super::verify::Sum;
 use crate::scheduler::WorkerKey;
 
 /// Messages to one worker that wait to be sent; a worker that lets more pile up does not read.
@@ -42,6 +48,8 @@ pub(super) enum Heard {
     Joined(Joined),
     /// A worker said something.
     Said { worker: WorkerKey, said: Said },
+    /// This process rendered a check's tile, or could not.
+    Decided { check: u64, sum: Option<Sum> },
     /// A worker's stream ended.
     Left { worker: WorkerKey, cause: String },
 }
@@ -50,6 +58,8 @@ pub(super) enum Heard {
 #[derive(Debug)]
 pub(super) struct Joined {
     pub(super) registration: Registration,
+    /// Whether it is of this process.
+    pub(super) local: bool,
     pub(super) address: String,
     /// When something was last heard of it.
     pub(super) pulse: Pulse,
@@ -87,6 +97,19 @@ pub(super) struct Offer {
     pub(super) pixels: PixelFormat,
 }
 
+impl Offer {
+    /// Whether a delivery can be part of this picture, whatever its lease.
+    fn check(&self, done: &TileDone) -> Result<(), Malformed> {
+        let (lights, max_depth) = (self.scene.lights().len(), self.settings.max_depth);
+        check_pixels(&done.pixels, self.pixels)?;
+        if self.pixels == PixelFormat::F32 {
+            check_light(&done.pixels, brightest(lights, max_depth))?;
+        }
+        let pixels = done.pixels.len() / self.pixels.bytes_per_pixel();
+        check_rays(&done.rays, pixels as u64, lights, max_depth)
+    }
+}
+
 /// What the service knows.
 #[derive(Debug)]
 pub(super) struct Door {
@@ -95,7 +118,8 @@ pub(super) struct Door {
     /// What there is to do, once that is known.
     pub(super) offer: OnceLock<Offer>,
     /// Known to workers of this process alone.
-    pub(super) secret: [u8; 16],
+    pub(super) secret: Secret,
+    pub(super) gate: Arc<Gate>,
     /// Hash and length of the scene's binary form: taken when a worker needs them.
     pub(super) described: OnceCell<(SceneHash, u64)>,
 }
@@ -128,14 +152,15 @@ fn over() -> Status {
 
 impl Door {
     /// Behind this door, and `heard` by whoever listens.
-    pub(super) fn new(heard: mpsc::Sender<Heard>) -> Self {
-        Self {
+    pub(super) fn new(heard: mpsc::Sender<Heard>, gate: Arc<Gate>) -> Result<Self, NoRandomness> {
+        Ok(Self {
             heard,
             sessions: Mutex::default(),
             offer: OnceLock::new(),
-            secret: std::array::from_fn(|_| fastrand::u8(..)),
+            secret: Secret::new()?,
+            gate,
             described: OnceCell::new(),
-        }
+        })
     }
 
     /// No worker has a session before there is one.
@@ -196,7 +221,7 @@ impl Door {
         match message.kind {
             Some(Kind::TileDone(done)) => {
                 let Ok(offer) = self.offer() else { return Said::Nonsense("a tile of nothing".into()) };
-                let done = TileDone::try_from(done).and_then(|d| check_pixels(&d.pixels, offer.pixels).map(|()| d));
+                let done = TileDone::try_from(done).and_then(|d| offer.check(&d).map(|()| d));
                 done.map_or_else(|e| Said::Nonsense(format!("a tile: {e}")), Said::Done)
             }
             Some(Kind::TileFailed(f)) => {
@@ -210,6 +235,12 @@ impl Door {
             None => Said::Nonsense("an unknown message".into()),
         }
     }
+}
+
+/// Who calls.
+fn peer<T>(request: &Request<T>) -> Result<Peer, Status> {
+    let peer = request.extensions().get::<Peer>().cloned();
+    peer.ok_or_else(|| Status::internal("a call without a connection"))
 }
 
 /// What a broken stream says.
@@ -241,11 +272,17 @@ impl farm_server::Farm for Service {
     type WorkStream = ReceiverStream<Result<CoordinatorMessage, Status>>;
     type FetchSceneStream = ReceiverStream<Result<ScenePiece, Status>>;
 
+    async fn greet(&self, request: Request<wire::GreetRequest>) -> Result<Response<wire::Challenge>, Status> {
+        let challenge: Challenge = random().map_err(|e: NoRandomness| Status::internal(e.to_string()))?;
+        peer(&request)?.connection.ask(challenge);
+        Ok(Response::new(wire::Challenge { challenge: challenge.to_vec() }))
+    }
+
     async fn work(&self, request: Request<Streaming<WorkerMessage>>) -> Result<Response<Self::WorkStream>, Status> {
-        let peer = request.extensions().get::<Peer>().cloned();
-        let address = peer.as_ref().and_then(|p| p.tcp.remote_addr());
-        let address = address.map_or_else(|| "unknown".into(), |a| a.to_string());
-        let pulse = peer.map(|p| p.pulse).unwrap_or_default();
+        let peer = peer(&request)?;
+        let address = peer.address.to_string();
+        let one = || Status::resource_exhausted("one session a connection at a time");
+        let in_session = peer.connection.begin().ok_or_else(one)?;
         let mut inbox = request.into_inner();
         let first = timeout(REGISTER_WITHIN, inbox.message())
             .await
@@ -255,9 +292,13 @@ impl farm_server::Farm for Service {
         };
         check_match(&register).map_err(|e| {
             tracing::warn!("refused a worker from {address}: {e}");
-            Status::failed_precondition(e.to_string())
+            for_good(Status::failed_precondition(e.to_string()))
         })?;
         let registration = Registration::try_from(register).map_err(|e| Status::invalid_argument(e.to_string()))?;
+        let challenge = peer.connection.asked();
+        if !challenge.is_some_and(|c| registration.id.has_proven(&c, &registration.proof)) {
+            return Err(Status::invalid_argument("a worker proves that its key is its own"));
+        }
         let local = registration.local == Some(self.0.secret);
         if registration.local.is_some() && !local {
             return Err(Status::invalid_argument("the local secret is wrong"));
@@ -265,11 +306,23 @@ impl farm_server::Farm for Service {
         let (mouth, words) = mpsc::channel(MOUTH);
         let (reply, answer) = oneshot::channel();
         let cut = CancellationToken::new();
-        let joined = Joined { registration, address, pulse, mouth: mouth.clone(), cut: cut.clone(), reply };
+        let joined =
+            Joined { registration, local, address, pulse: peer.pulse, mouth: mouth.clone(), cut: cut.clone(), reply };
+        self.0.gate.settle(&peer.connection);
         self.0.heard.send(Heard::Joined(joined)).await.map_err(|_| over())?;
-        let (worker, session) = answer.await.map_err(|_| over())??;
+        let (worker, session) = tokio::select! {
+            biased;
+            answer = answer => answer.map_err(|_| over())??,
+            // Nothing is kept for whoever goes on before it is welcomed.
+            more = inbox.message() => return Err(match more {
+                Ok(Some(_)) => Status::invalid_argument("a worker waits to be welcomed"),
+                Ok(None) => Status::cancelled("the worker left"),
+                Err(status) => status,
+            }),
+        };
         let door = self.0.clone();
         tokio::spawn(async move {
+            let _in_session = in_session;
             let cause = tokio::select! {
                 cause = door.listen(worker, local, &mouth, &mut inbox) => cause,
                 () = cut.cancelled() => "it was cut off".into(),
@@ -281,8 +334,12 @@ impl farm_server::Farm for Service {
     }
 
     async fn beat(&self, request: Request<BeatRequest>) -> Result<Response<BeatReply>, Status> {
+        let visitor = self.0.visitor(request.get_ref().session)?;
+        let connection = peer(&request)?.connection;
+        connection.beaten();
+        self.0.gate.settle(&connection);
         // The driver looks at it now and then: beats wait in no queue, and a flood of them fills none.
-        self.0.visitor(request.get_ref().session)?.pulse.beat();
+        visitor.pulse.beat();
         Ok(Response::new(BeatReply {}))
     }
 

@@ -15,13 +15,15 @@ use crate::journal;
 /// Tiles that wait to be stitched, at most: all that the picture takes beside itself.
 const WAITING: usize = 4;
 
-/// A tile on its way into the picture.
+/// What becomes of the picture.
 #[derive(Debug)]
 pub(super) enum Stitch {
     /// That came; `first` where the picture had nothing in this place before.
     New { region: Region, pixels: Bytes, first: bool },
     /// Of an earlier run, all at once: nobody waits until they are read.
     Again(Vec<Again>),
+    /// These pixels are not what they should be: as if they had never come.
+    Take(Region),
 }
 
 /// What has been stitched.
@@ -34,16 +36,40 @@ pub(super) struct Stitched {
 /// The picture to come.
 type Given = oneshot::Receiver<Result<Stitched, RenderError>>;
 
-impl Stitched {
-    fn put(&mut self, whole: &Region, region: Region, pixels: &[u8], first: bool) {
-        let row_bytes = region.width() as usize * self.image.format().bytes_per_pixel();
-        for (y, row) in (region.y0..region.y1).zip(pixels.chunks_exact(row_bytes)) {
-            let at = u64::from(y - whole.y0) * u64::from(whole.width()) + u64::from(region.x0 - whole.x0);
-            self.image.put(at as usize, row);
-        }
+/// The picture in the making.
+struct Picture {
+    whole: Region,
+    stitched: Stitched,
+    /// What was taken back, and was not put again.
+    taken: Vec<Region>,
+}
+
+impl Picture {
+    fn put(&mut self, region: Region, pixels: &[u8], first: bool) {
+        self.paint(&region, pixels);
+        let back = cut_out(&mut self.taken, &region);
         if first {
-            self.done.push(region);
+            self.stitched.done.push(region);
+        } else {
+            self.stitched.done.extend(back);
         }
+    }
+
+    fn take(&mut self, region: Region) {
+        self.paint(&region, &vec![0; self.row_bytes(&region) * region.height() as usize]);
+        self.taken.extend(cut_out(&mut self.stitched.done, &region));
+    }
+
+    fn paint(&mut self, region: &Region, pixels: &[u8]) {
+        for (y, row) in (region.y0..region.y1).zip(pixels.chunks_exact(self.row_bytes(region))) {
+            let at =
+                u64::from(y - self.whole.y0) * u64::from(self.whole.width()) + u64::from(region.x0 - self.whole.x0);
+            self.stitched.image.put(at as usize, row);
+        }
+    }
+
+    fn row_bytes(&self, region: &Region) -> usize {
+        region.width() as usize * self.stitched.image.format().bytes_per_pixel()
     }
 }
 
@@ -64,23 +90,80 @@ pub(super) fn start(
         let memory = || RenderError::Memory(whole.area());
         let count = usize::try_from(whole.area()).map_err(|_| memory())?;
         let image = Pixels::black(format, count).ok_or_else(memory)?;
-        let mut stitched = Stitched { image, done: Vec::new() };
+        let mut picture = Picture { whole, stitched: Stitched { image, done: Vec::new() }, taken: Vec::new() };
         while let Some(tiles) = tiles.blocking_recv() {
             match tiles {
-                Stitch::New { region, pixels, first } => stitched.put(&whole, region, &pixels, first),
+                Stitch::New { region, pixels, first } => picture.put(region, &pixels, first),
+                Stitch::Take(region) => picture.take(region),
                 Stitch::Again(tiles) => {
                     let file = journal.as_ref().ok_or_else(|| RenderError::Internal("no journal".into()))?;
                     for Again { region, place, first } in tiles {
                         let pixels = journal::pixels(file, place).map_err(RenderError::Journal)?;
-                        stitched.put(&whole, region, &pixels, first);
+                        picture.put(region, &pixels, first);
                     }
                 }
             }
         }
-        Ok(stitched)
+        Ok(picture.stitched)
     };
     // Nobody may be left to take it.
     let run = move || drop(give.send(stitch()));
     std::thread::Builder::new().name("stitch".into()).spawn(run)?;
     Ok((sender, given))
+}
+
+/// Cuts `hole` out of disjoint `regions`, and gives what was cut out.
+fn cut_out(regions: &mut Vec<Region>, hole: &Region) -> Vec<Region> {
+    let mut cut = Vec::new();
+    if regions.is_empty() {
+        return cut;
+    }
+    let mut rest = Vec::with_capacity(regions.len());
+    for r in regions.drain(..) {
+        let (x0, x1) = (r.x0.max(hole.x0), r.x1.min(hole.x1));
+        let (y0, y1) = (r.y0.max(hole.y0), r.y1.min(hole.y1));
+        let Some(common) = Region::new(x0, y0, x1, y1) else {
+            rest.push(r);
+            continue;
+        };
+        cut.push(common);
+        // Above and below it over the whole width, then left and right of it.
+        rest.extend(Region::new(r.x0, r.y0, r.x1, y0));
+        rest.extend(Region::new(r.x0, y1, r.x1, r.y1));
+        rest.extend(Region::new(r.x0, y0, x0, y1));
+        rest.extend(Region::new(x1, y0, r.x1, y1));
+    }
+    *regions = rest;
+    cut
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn region(x0: u32, y0: u32, x1: u32, y1: u32) -> Region {
+        Region { x0, y0, x1, y1 }
+    }
+
+    #[tokio::test]
+    async fn what_is_taken_back_is_not_done_until_it_is_put_again() {
+        let whole = region(10, 10, 14, 12);
+        let (tiles, stitcher) = start(whole, PixelFormat::Rgb8, None).unwrap();
+        let put =
+            |region: Region, first| Stitch::New { region, pixels: vec![9; 3 * region.area() as usize].into(), first };
+        for stitch in [
+            put(region(10, 10, 12, 12), true),
+            put(region(12, 10, 14, 12), true),
+            Stitch::Take(region(11, 10, 13, 12)),
+            put(region(11, 10, 12, 12), false),
+        ] {
+            tiles.send(stitch).await.unwrap();
+        }
+        drop(tiles);
+        let Stitched { image, done } = stitcher.await.unwrap().unwrap();
+        assert_eq!(done.iter().map(Region::area).sum::<u64>(), 6);
+        let Pixels::Rgb8(pixels) = image else { panic!("not bytes") };
+        let lit: Vec<bool> = pixels.iter().map(|p| p[0] == 9).collect();
+        assert_eq!(lit, [true, true, false, true, true, true, false, true]);
+    }
 }

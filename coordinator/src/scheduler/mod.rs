@@ -168,6 +168,8 @@ pub(crate) struct Scheduler {
     deserted_since: Option<Duration>,
     ever: bool,
     ended: bool,
+    /// Whether its owner says when a pass is complete.
+    held: bool,
 }
 
 impl Scheduler {
@@ -203,6 +205,7 @@ impl Scheduler {
             deserted_since: Some(Duration::ZERO),
             ever: false,
             ended: false,
+            held: false,
             config,
         }
     }
@@ -235,6 +238,33 @@ impl Scheduler {
     pub(crate) fn begin_first(&mut self, pass: Option<Pass>, regions: Vec<Region>) {
         self.begin(pass, regions, 1.0);
         self.number = PassNumber(0);
+    }
+
+    /// Leaves it to its owner to say when a pass is complete: what is done may have to be done again.
+    pub(crate) fn hold(&mut self) {
+        self.held = true;
+    }
+
+    /// Whether every pixel of the pass at hand is done.
+    pub(crate) fn is_done(&self) -> bool {
+        self.pixels_done == self.pixels
+    }
+
+    /// Takes back `regions` that were done: they are leased again.
+    pub(crate) fn redo(&mut self, regions: Vec<Region>) {
+        self.tiles_done = self.tiles_done.saturating_sub(regions.len() as u64);
+        for region in regions {
+            self.pixels_done = self.pixels_done.saturating_sub(region.area());
+            self.cutter.give_back(region);
+        }
+    }
+
+    /// `worker` did something that was no lease of this scheduler's, and was `busy` with it: what it holds had to wait.
+    pub(crate) fn did_else(&mut self, worker: WorkerKey, busy: Duration) {
+        let Some(w) = self.workers.get_mut(&worker) else { return };
+        w.busy = w.busy.saturating_add(busy);
+        w.last_answer = self.now;
+        self.recover(worker);
     }
 
     /// The region of a lease that `worker` holds and that is still wanted.
@@ -383,7 +413,7 @@ impl Scheduler {
         self.pixels_done += area;
         self.tiles_done += 1;
         effects.push(Effect::Accept { worker, region: tile.region });
-        if self.pixels_done == self.pixels {
+        if self.is_done() && !self.held {
             self.end(End::Complete, effects);
         }
     }

@@ -359,7 +359,7 @@ impl<const N: usize> ExactHit<N> {
     }
 
     /// The point in local space, each coordinate rounded once.
-    pub(crate) fn to_local(&self, local: &Local, scene: &Scene) -> Result<DVec3, Unsure> {
+    pub(crate) fn in_local_space(&self, local: &Local, scene: &Scene) -> Result<DVec3, Unsure> {
         let p = self.difference(self.p - Vector::new(scene.camera().location()))?;
         Ok(p.scale(-i64::from(local.power)).to_f64())
     }

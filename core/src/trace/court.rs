@@ -146,7 +146,7 @@ impl Hit {
     ) -> Result<Refined, Unsure> {
         let tracer = case.tracer;
         let scene = &tracer.prepared.scene;
-        let (p, n) = (hit.to_local(&tracer.prepared.local, scene)?, hit.normal()?);
+        let (p, n) = (hit.in_local_space(&tracer.prepared.local, scene)?, hit.normal()?);
         let is_at = |light| proof.map_or(Err(Unsure), |(proof, point)| proof.is_at(point, light));
         let cosine = |&light: &DVec3| match hit.cosine(light) {
             Err(Unsure) if is_at(light)? => Ok(0.0),

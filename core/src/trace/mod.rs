@@ -91,7 +91,7 @@ impl std::ops::AddAssign for RayCounts {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PrepareError {
     /// Settings out of range.
-    #[error("max-depth must be at least 1")]
+    #[error("max-depth must be 1 to {max}", max = Settings::MAX_DEPTH)]
     MaxDepth,
 }
 
@@ -148,7 +148,7 @@ impl Tracer {
     /// # Errors
     /// When the settings are out of range.
     pub fn new(prepared: Arc<PreparedScene>, settings: Settings) -> Result<Self, PrepareError> {
-        if settings.max_depth == 0 {
+        if !(1..=Settings::MAX_DEPTH).contains(&settings.max_depth) {
             return Err(PrepareError::MaxDepth);
         }
         let grid = match settings.sampling {

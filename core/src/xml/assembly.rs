@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::diagnostic::Code;
 use super::finding::{Finding, Findings, Limits};
@@ -10,8 +10,19 @@ use super::part::Part;
 use super::source::shown;
 use crate::scene::{Picture, PictureId, SceneBuilder, pixmap};
 
+/// What is said of a picture that may not be read.
+const ELSEWHERE: &str = "it lies outside the scene's folder; --allow-pictures DIR takes pictures from there too";
 /// Samples of all pictures of a scene together.
 const MAX_SAMPLES: usize = 2 * Picture::MAX_SAMPLES;
+
+/// Where pictures are.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Pictures<'b> {
+    /// The scene's folder, from which they are looked up.
+    pub base: Option<&'b Path>,
+    /// Folders that they may lie in beside it.
+    pub more: &'b [PathBuf],
+}
 
 /// A scene in the making.
 #[derive(Debug)]
@@ -24,7 +35,9 @@ pub(super) struct Assembly<'b> {
     pub blank: bool,
     /// Whether reading ended before the text did.
     pub cut: bool,
-    base_dir: Option<&'b Path>,
+    pictures: Pictures<'b>,
+    /// Real paths of the folders that pictures may lie in; found out when there is a picture.
+    folders: Option<Vec<PathBuf>>,
     /// Pictures by name as written; `None` where loading failed.
     by_name: HashMap<String, Option<PictureId>>,
     /// The same by real path: two names of one file are one picture.
@@ -33,14 +46,15 @@ pub(super) struct Assembly<'b> {
 }
 
 impl<'b> Assembly<'b> {
-    pub(super) fn new(limits: Limits, base_dir: Option<&'b Path>) -> Self {
+    pub(super) fn new(limits: Limits, pictures: Pictures<'b>) -> Self {
         Self {
             scene: SceneBuilder::new(),
             findings: Findings::new(limits),
             lit: false,
             blank: false,
             cut: false,
-            base_dir,
+            pictures,
+            folders: None,
             by_name: HashMap::new(),
             by_path: HashMap::new(),
             samples: 0,
@@ -92,15 +106,38 @@ impl<'b> Assembly<'b> {
         id
     }
 
+    /// The real path of a picture that may be read. Of what lies elsewhere nothing is told, not even whether it
+    /// is there: a scene may come from anybody.
+    fn allowed(&mut self, base: &Path, path: &Path) -> Option<PathBuf> {
+        let more = self.pictures.more;
+        let folders = self.folders.get_or_insert_with(|| {
+            std::iter::once(base)
+                .chain(more.iter().map(PathBuf::as_path))
+                .filter_map(|f| f.canonicalize().ok())
+                .collect()
+        });
+        let inside = |path: &Path| folders.iter().any(|f| path.starts_with(f));
+        match path.canonicalize() {
+            Ok(real) => inside(&real).then_some(real),
+            // It is not there: that may be said of a name that leads nowhere else.
+            Err(_) => {
+                let plain = path.components().all(|c| !matches!(c, Component::ParentDir));
+                let parent = path.ancestors().skip(1).find_map(|p| p.canonicalize().ok());
+                (plain && parent.is_some_and(|p| inside(&p))).then(|| path.to_path_buf())
+            }
+        }
+    }
+
     fn load(&mut self, name: &str) -> Result<PictureId, String> {
-        let base = self.base_dir.ok_or("the scene has no folder to look it up from")?;
+        let base = self.pictures.base.ok_or("the scene has no folder to look it up from")?;
+        let base = if base.as_os_str().is_empty() { Path::new(".") } else { base };
         let path = base.join(name);
-        // What cannot be resolved is left to the loader, which says why.
-        let real = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let Some(real) = self.allowed(base, &path) else { return Err(ELSEWHERE.into()) };
         if let Some(&id) = self.by_path.get(&real) {
             return Ok(id);
         }
-        let picture = pixmap::load(&path).map_err(|e| e.to_string())?;
+        // By its real path: what the name points to by now may be elsewhere.
+        let picture = pixmap::load(&real).map_err(|e| e.to_string())?;
         self.samples += 3 * picture.width() as usize * picture.height() as usize;
         if self.samples > MAX_SAMPLES {
             return Err(format!("the scene's pictures together have more than {MAX_SAMPLES} samples"));

@@ -167,7 +167,7 @@ pub struct Place {
     /// Column in characters, from 1.
     pub column: u64,
     /// The line, or the part of a long one that surrounds the spot; `…` where it was cut.
-    /// Tabs and control characters are shown as spaces.
+    /// Tabs, control characters and whatever else would disturb a line are shown as spaces.
     pub source_line: String,
     /// The spot: characters of `source_line`, half-open, never empty.
     pub marked: Range<usize>,

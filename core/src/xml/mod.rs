@@ -47,11 +47,11 @@ use std::path::{Path, PathBuf};
 pub use diagnostic::{Code, Diagnostic, Place, Severity};
 
 use crate::scene::Scene;
-use assembly::Assembly;
+use assembly::{Assembly, Pictures};
 use finding::{Findings, Limits};
 
-/// How much is read and reported.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How much is read and reported, and from where.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Errors reported at most; reading ends when as many were found.
     pub max_errors: usize,
@@ -59,6 +59,8 @@ pub struct ReadOptions {
     pub max_warnings: usize,
     /// The largest file taken, in bytes. At most about as much memory is needed to read it.
     pub max_bytes: u64,
+    /// Folders that pictures are taken from beside the scene's own, with all below them.
+    pub picture_folders: Vec<PathBuf>,
 }
 
 impl ReadOptions {
@@ -69,7 +71,7 @@ impl ReadOptions {
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { max_errors: 100, max_warnings: 100, max_bytes: 16 << 30 }
+        Self { max_errors: 100, max_warnings: 100, max_bytes: 16 << 30, picture_folders: Vec::new() }
     }
 }
 
@@ -128,7 +130,8 @@ impl Default for Tuning {
     }
 }
 
-/// Reads the scene in the file at `path`; pictures are looked up from its folder.
+/// Reads the scene in the file at `path`. Pictures are looked up from its folder, and must lie in it, below it,
+/// or in one of the options' folders.
 ///
 /// # Errors
 /// When the file cannot be read or is not a valid scene: everything that is wrong with it.
@@ -180,7 +183,7 @@ fn read(
             return Err(ReadError { diagnostics: vec![diagnostic], cut: false });
         }
     };
-    let mut assembly = Assembly::new(limits, base_dir);
+    let mut assembly = Assembly::new(limits, Pictures { base: base_dir, more: &options.picture_folders });
     document(&decoded.text, decoded.start, limits, tuning, &mut assembly);
     let errors = assembly.findings.errors;
     let diagnostics = diagnostics(&mut assembly.findings, &decoded.text, decoded.start, name);
@@ -210,7 +213,13 @@ fn streamed(
     options: &ReadOptions,
 ) -> Option<Read> {
     let limits = options.limits();
-    let (assembly, warnings) = stream::read(fetch, (length, name), blocks, limits, base_dir)?;
+    let (assembly, warnings) = stream::read(
+        fetch,
+        (length, name),
+        blocks,
+        limits,
+        Pictures { base: base_dir, more: &options.picture_folders },
+    )?;
     let omitted_warnings = assembly.findings.warnings.saturating_sub(warnings.len());
     let pictures = assembly.files();
     Some(Read { scene: assembly.scene.finish().ok()?, warnings, omitted_warnings, pictures })
@@ -272,9 +281,9 @@ fn failed(name: &str, message: String) -> ReadError {
     let diagnostic = Diagnostic {
         severity: Severity::Error,
         code: Code::Io,
-        file: name.to_owned(),
+        file: crate::text::printable(name, false),
         place: None,
-        message,
+        message: crate::text::printable(&message, false),
         expected: None,
         suggestion: None,
     };

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::diagnostic::{Diagnostic, Place};
 use super::finding::Finding;
+use crate::text::{self, disturbs};
 
 /// Characters of a source line that a place shows at most.
 const SHOWN: usize = 100;
@@ -20,7 +21,7 @@ pub(super) fn shown(text: &str) -> String {
 }
 
 fn printable(c: char) -> char {
-    if c.is_control() { ' ' } else { c }
+    if disturbs(c) { ' ' } else { c }
 }
 
 /// The first `len` bytes of `text`, or a few less.
@@ -107,11 +108,12 @@ impl<'t> Lines<'t> {
         Diagnostic {
             severity: code.severity(),
             code,
-            file: file.to_owned(),
+            file: text::printable(file, false),
             place: Some(self.place(&at)),
-            message,
-            expected,
-            suggestion,
+            // Some of it is the document's own text.
+            message: text::printable(&message, false),
+            expected: expected.map(|e| text::printable(&e, false)),
+            suggestion: suggestion.map(|s| text::printable(&s, false)),
         }
     }
 }

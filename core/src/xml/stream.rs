@@ -8,13 +8,12 @@
 //! block by block, too; lines are counted only where there is one.
 
 use std::io;
-use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
 use super::Tuning;
-use super::assembly::Assembly;
+use super::assembly::{Assembly, Pictures};
 use super::diagnostic::Diagnostic;
 use super::fast::Fast;
 use super::finding::{Findings, Limits};
@@ -51,7 +50,7 @@ pub(super) fn read<'b>(
     (length, name): (usize, &str),
     blocks: Blocks,
     limits: Limits,
-    base_dir: Option<&'b Path>,
+    pictures: Pictures<'b>,
 ) -> Option<(Assembly<'b>, Vec<Diagnostic>)> {
     let mut head = vec![0; blocks.block.min(length)];
     // Where ASCII is itself, the encoding makes no difference.
@@ -69,7 +68,7 @@ pub(super) fn read<'b>(
     let count = ((length - begin) / blocks.block).max(1);
     let file = Stream { fetch, length, name, blocks, limits, begin, count, buffers: Mutex::default() };
 
-    let mut assembly = Assembly::new(limits, base_dir);
+    let mut assembly = Assembly::new(limits, pictures);
     let mut parts = Vec::new();
     let mut told = Vec::new();
     let mut tail = None;

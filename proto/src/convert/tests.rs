@@ -144,8 +144,9 @@ fn a_registration_is_checked_and_made_presentable() {
     let good = wire::Register::from(Registration {
         name: "w1".into(),
         threads: 2,
-        instance: InstanceId(5),
-        local: Some([1; 16]),
+        id: WorkerId([5; 32]),
+        proof: vec![6; 64],
+        local: Some(Secret::from([1; 16])),
     });
     assert_eq!(check_match(&good), Ok(()));
     let old = wire::Register { protocol: 0, ..good.clone() };
@@ -154,6 +155,7 @@ fn a_registration_is_checked_and_made_presentable() {
     assert!(check_match(&wire::Register { numeric_mode: "f32".into(), ..good.clone() }).is_err());
     assert!(Registration::try_from(wire::Register { threads: 0, ..good.clone() }).is_err());
     assert!(Registration::try_from(wire::Register { threads: 1 << 20, ..good.clone() }).is_err());
+    assert!(Registration::try_from(wire::Register { key: vec![1; 31], ..good.clone() }).is_err());
     assert!(Registration::try_from(wire::Register { local: vec![1], ..good.clone() }).is_err());
     assert!(Registration::try_from(wire::Register { name: "x".repeat(65), ..good.clone() }).is_err());
     let odd = Registration::try_from(wire::Register { name: "a\u{1b}[2Jb\n".into(), ..good }).unwrap();

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use tessera_core::settings::Settings;
 
+use crate::cli::access::PictureFlags;
 use crate::cli::args::{ProgressArg, TransferArg, duration, size, target};
 
 pub(in crate::cli) const EXAMPLES: &str = "Examples:\n  \
@@ -66,6 +68,8 @@ pub(in crate::cli) struct Flags {
     #[arg(long, help_heading = "Measurement")]
     pub(super) peers: bool,
 
+    #[command(flatten)]
+    pub(super) pictures: PictureFlags,
     /// Pixels across and down
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size, allow_hyphen_values = true, help_heading = "Picture")]
     pub(super) size: (u32, u32),
@@ -79,7 +83,7 @@ pub(in crate::cli) struct Flags {
     #[arg(long, value_name = "H", default_value = "1", allow_hyphen_values = true, help_heading = "Picture")]
     pub(super) plane_height: f64,
     /// Rays in a path at most, the camera's included; shorter paths are measured too where there are mirrors
-    #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..), allow_hyphen_values = true, help_heading = "Picture")]
+    #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)), allow_hyphen_values = true, help_heading = "Picture")]
     pub(super) max_depth: u32,
 
     /// Workers started inside this process [default: 2]

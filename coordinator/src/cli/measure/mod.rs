@@ -184,8 +184,8 @@ async fn measure(mut options: Options, console: &Console, began: Instant) -> Res
         measure::povray_installed().await.map_err(|e: PeerError| Failure::new(Exit::Failed, e))?;
     }
     let reading = Instant::now();
-    let path = options.raw.scene.clone();
-    let read = unless_stopped(&stop, blocking(move || scene::read(&path))).await??;
+    let (path, folders) = (options.raw.scene.clone(), options.raw.pictures.allow_pictures.clone());
+    let read = unless_stopped(&stop, blocking(move || scene::read(&path, folders))).await??;
     let reading = reading.elapsed();
     for path in &read.pictures {
         options.uses.reads("a picture of the scene", path)?;

@@ -144,7 +144,7 @@ impl World {
             self.now = time;
             assert!(self.now < Duration::from_secs(3000), "seed {}: there is no end", self.seed);
             self.happen(what);
-            if self.end.is_none() && self.messages % 64 == 0 {
+            if self.end.is_none() && self.messages.is_multiple_of(64) {
                 self.check();
             }
         }

@@ -21,7 +21,7 @@ fn run(workers: u64, (width, height): (u32, u32), speed: f64) -> (Duration, f64,
         .rev()
         .collect();
     let time = |n: usize, l: &Lease| {
-        let speed = if n % 4 == 0 { speed / 2.0 } else { speed };
+        let speed = if n.is_multiple_of(4) { speed / 2.0 } else { speed };
         Duration::from_secs_f64(l.region.area() as f64 / speed)
     };
     loop {

@@ -1,7 +1,7 @@
 //! However the text is cut, with the fast lane or without, scene and diagnostics are the
 //! same, and those of one whole document where there is one.
 
-use crate::xml::assembly::Assembly;
+use crate::xml::assembly::{Assembly, Pictures};
 use crate::xml::finding::{Findings, Limits};
 use crate::xml::piece::{End, Reader};
 use crate::xml::stream::Blocks;
@@ -132,7 +132,7 @@ fn cut(text: &str, run: usize, piece: usize, batch: usize, fast: bool) -> Result
 /// As one whole document: nothing is cut out of the frame.
 fn whole(text: &str) -> (Vec<Diagnostic>, Option<crate::scene::Scene>) {
     let limits = Limits { errors: 100_000, warnings: 100_000 };
-    let mut assembly = Assembly::new(limits, None);
+    let mut assembly = Assembly::new(limits, Pictures::default());
     let mut findings = Findings::new(limits);
     let outline = frame::outline(text, 0, &mut findings);
     frame::check(text, &outline, None, limits, findings, &mut assembly);

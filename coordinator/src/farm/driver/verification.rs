@@ -1,0 +1,219 @@
+//! The driver's part in [verification](crate::farm::verify): who renders a tile again, and what becomes of liars.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use tessera_core::film::Region;
+use tessera_core::settings::{Pass, Settings};
+use tessera_core::trace::PreparedScene;
+use tessera_proto::convert::{TileDone, check_size, pixel_bytes};
+use tessera_proto::identity::WorkerId;
+use tessera_proto::wire::coordinator_message::Kind;
+use tessera_proto::{LeaseId, PixelFormat};
+use worker::Studio;
+
+use super::{Driver, Ended};
+use crate::farm::service::Heard;
+use crate::farm::stitch::Stitch;
+use crate::farm::verify::{Assigned, Closed, Sum, Verify, sum_of};
+use crate::job::{CheckedTile, SceneSource};
+use crate::scheduler::{Event, WorkerKey};
+
+/// What this process renders tiles with to decide about others' results: the tracer itself, on threads of its
+/// own, started when it is first needed.
+#[derive(Debug)]
+pub(crate) struct OwnCore {
+    pub(crate) scene: SceneSource,
+    pub(crate) settings: Settings,
+    pub(crate) format: PixelFormat,
+    pub(crate) threads: usize,
+}
+
+/// A tile to be rendered: the check, and what of the picture.
+pub(super) type Wanted = (u64, Region, Option<Pass>);
+
+impl OwnCore {
+    /// Starts its thread, which ends with the sender it gives.
+    fn start(self, heard: tokio::sync::mpsc::Sender<Heard>) -> Sender<Wanted> {
+        let (sender, wanted) = channel();
+        std::thread::spawn(move || self.run(&wanted, &heard));
+        sender
+    }
+
+    fn run(self, wanted: &Receiver<Wanted>, heard: &tokio::sync::mpsc::Sender<Heard>) {
+        let prepare = || {
+            let prepared = match self.scene {
+                SceneSource::Prepared(prepared) => prepared,
+                SceneSource::Resolved(scene) => Arc::new(PreparedScene::build(scene)),
+            };
+            worker::Exact.open(prepared, self.settings).ok()
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.max(1)).build().ok();
+        let tracer = pool.as_ref().and_then(|pool| pool.install(prepare));
+        for (check, region, pass) in wanted {
+            let render = || -> Option<Sum> {
+                let (pool, tracer) = (pool.as_ref()?, tracer.as_ref()?);
+                let (tile, _) = pool.install(|| match pass {
+                    Some(pass) => tracer.render_pass(region, pass),
+                    None => tracer.render(region),
+                });
+                let error = tile.error;
+                let pixels = worker::encode_tile(tile, self.format, self.settings.transfer);
+                Some(sum_of(&pixel_bytes(&pixels), &error))
+            };
+            let sum = std::panic::catch_unwind(std::panic::AssertUnwindSafe(render)).ok().flatten();
+            if heard.blocking_send(Heard::Decided { check, sum }).is_err() {
+                return;
+            }
+        }
+    }
+}
+
+impl Driver {
+    /// A tile was accepted: another is to confirm it, where that is drawn.
+    pub(super) fn verify(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
+        let Some(maker) = self.seats.get(&worker).map(|s| s.id) else { return };
+        if let Some(check) = self.verify.accepted(maker, region, self.passes.detail(), done) {
+            self.assign(check);
+        }
+    }
+
+    /// Has a tile rendered again.
+    fn assign(&mut self, check: u64) {
+        let ready: Vec<_> = self.seats.iter().filter(|(_, s)| s.ready).map(|(&k, s)| (k, s.id)).collect();
+        match self.verify.assign(check, &ready) {
+            Some(Assigned::To(worker, lease)) => self.say(worker, Kind::Lease(lease.into())),
+            Some(Assigned::Here { check, region, pass }) => {
+                if let Some(core) = self.own_core.take() {
+                    self.own = Some(core.start(self.door.heard.clone()));
+                }
+                if self.own.as_ref().is_none_or(|own| own.send((check, region, pass)).is_err()) {
+                    self.verify.decided(check, None);
+                }
+            }
+            None => {}
+        }
+    }
+
+    /// A worker left: its checks go to others.
+    pub(super) fn reassign(&mut self, worker: WorkerKey, id: WorkerId) {
+        for check in self.verify.left(worker, id) {
+            self.assign(check);
+        }
+    }
+
+    /// A worker did not render a check's tile.
+    pub(super) fn check_failed(&mut self, worker: WorkerKey, lease: LeaseId) -> Ended {
+        if self.verify.region_of(worker, lease).is_some()
+            && let Some(id) = self.seats.get(&worker).map(|s| s.id)
+        {
+            self.verify.failed(lease, id);
+            self.assign(lease.0);
+        }
+        None
+    }
+
+    /// A worker rendered a tile again.
+    pub(super) async fn check_answered(&mut self, worker: WorkerKey, done: TileDone) -> Ended {
+        let id = self.seats.get(&worker).map(|s| s.id)?;
+        let Some(region) = self.verify.region_of(worker, done.lease) else {
+            // Nobody waits for it any more.
+            return None;
+        };
+        if let Err(e) = check_size(&done.pixels, self.pixels, &region) {
+            return self.tell(Event::Broke { worker, rule: e.to_string() }, None).await;
+        }
+        let heard = self.tell(Event::Heard { worker }, None).await;
+        if heard.is_some() {
+            return heard;
+        }
+        self.scheduler.did_else(worker, done.busy);
+        match self.verify.answered(done.lease, id, sum_of(&done.pixels, &done.error)) {
+            Some(closed) => self.closed(closed).await,
+            None => {
+                self.assign(done.lease.0);
+                None
+            }
+        }
+    }
+
+    /// This process rendered a tile again.
+    pub(super) async fn decided(&mut self, check: u64, sum: Option<Sum>) -> Ended {
+        if sum.is_none() {
+            tracing::warn!("a tile could not be verified: it cannot be rendered here");
+        }
+        match self.verify.decided(check, sum) {
+            Some(closed) => self.closed(closed).await,
+            None => self.tell(Event::Tick, None).await,
+        }
+    }
+
+    async fn closed(&mut self, closed: Closed) -> Ended {
+        let checked = CheckedTile {
+            region: closed.region,
+            maker: self.name_of(closed.maker),
+            checker: closed.checker.map(|id| self.name_of(id)),
+            agreed: closed.liars.is_empty(),
+        };
+        self.verification.checks.push(checked);
+        for &liar in &closed.liars {
+            let end = self.throw_out(liar, closed.region).await;
+            if end.is_some() {
+                return end;
+            }
+        }
+        // It may have been the last thing that was waited for.
+        self.tell(Event::Tick, None).await
+    }
+
+    /// Shuts a liar out, and has everything rendered again that it delivered and nobody confirmed.
+    async fn throw_out(&mut self, liar: WorkerId, at: Region) -> Ended {
+        if self.roster.banned(liar).is_some() {
+            // Another check had found it before this one was decided.
+            return None;
+        }
+        let name = self.name_of(liar);
+        let Region { x0, y0, x1, y1 } = at;
+        let rule = format!("its tile {x0},{y0} to {x1},{y1} is not what the scene shows");
+        let (now, before) = self.verify.take_back(liar);
+        tracing::error!("{name} lied: {rule}; {} tiles of it are rendered again", now.len());
+        self.verification.thrown_out.push(name);
+        self.verification.redone += now.len() as u64;
+        self.roster.ban(liar, rule.clone());
+        for made in now.iter().chain(&before) {
+            // Not a pixel of it is to be in the picture, whatever comes now.
+            if self.tiles.send(Stitch::Take(made.region)).await.is_err() {
+                break;
+            }
+        }
+        let regions: Vec<Region> = now.iter().map(|m| m.region).collect();
+        self.passes.take_back(&regions, self.verify.error());
+        let area: u64 = regions.iter().map(Region::area).sum();
+        let place = self.roster.place(liar);
+        self.progress.send_modify(|p| {
+            p.tiles_done = p.tiles_done.saturating_sub(regions.len() as u64);
+            p.pixels_done = p.pixels_done.saturating_sub(area);
+            if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
+                w.tiles = w.tiles.saturating_sub(regions.len() as u64);
+                w.pixels = w.pixels.saturating_sub(area);
+            }
+        });
+        self.scheduler.redo(regions);
+        let session = self.seats.iter().find(|(_, s)| s.id == liar).map(|(&worker, _)| worker);
+        match session {
+            Some(worker) => self.tell(Event::Broke { worker, rule }, None).await,
+            None => None,
+        }
+    }
+
+    fn name_of(&self, id: WorkerId) -> String {
+        let place = self.roster.place(id);
+        let progress = self.progress.borrow();
+        place.and_then(|p| progress.workers.get(p)).map_or_else(|| "a worker".into(), |w| w.name.clone())
+    }
+}
+
+/// Whether an answer is to a check.
+pub(super) fn is_check(lease: LeaseId) -> bool {
+    Verify::is_check(lease)
+}
