@@ -73,9 +73,15 @@ impl ErrorEstimate {
     }
 
     /// Root mean squared error over the pixels: the audit's where there was one, else what is expected.
+    ///
+    /// At least a quarter of the [interval](Self::interval)'s upper end: where that is so far above what was found,
+    /// few pixels have most of the error, and those drawn are likely to have missed some.
     #[must_use]
     pub fn rmse(&self) -> f64 {
-        self.root(if self.audited == 0 { self.expected.value() } else { self.squares.value() })
+        if self.audited == 0 {
+            return self.expected_rmse();
+        }
+        self.root(self.squares.value()).max(0.25 * self.interval().1)
     }
 
     /// Root mean squared error that the sampler expects.
