@@ -189,7 +189,7 @@ pub(crate) struct Render {
     #[command(flatten)]
     pub(crate) access: AccessFlags,
     /// Share of the tiles that are rendered a second time elsewhere and compared: 5%, 1/20, all; the first two of every worker too
-    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = share, help_heading = "Farm")]
+    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = super::verification::share, help_heading = "Farm")]
     pub(crate) verify: f64,
     /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
@@ -376,20 +376,6 @@ fn tile(text: &str) -> Result<TileArg, String> {
     }
 }
 
-/// A share of the tiles, 0 to 1.
-fn share(text: &str) -> Result<f64, String> {
-    let wrong = || "expected a share of the tiles, such as 5%, 1/20, 0.05 or all".to_string();
-    let number = |t: &str| t.trim().parse::<f64>().map_err(|_| wrong());
-    let share = match (text, text.strip_suffix('%'), text.split_once('/')) {
-        ("all", ..) => 1.0,
-        ("none", ..) => 0.0,
-        (_, Some(percent), _) => number(percent)? / 100.0,
-        (_, None, Some((above, below))) => number(above)? / number(below)?,
-        _ => number(text)?,
-    };
-    if (0.0..=1.0).contains(&share) { Ok(share) } else { Err(wrong()) }
-}
-
 /// A duration of at least a millisecond and at most a year: numbers with units, added up; seconds without one.
 pub(super) fn duration(text: &str) -> Result<Duration, String> {
     let wrong = || "expected a time, such as 90s, 1.5m, 1h30m or 500ms".to_string();
@@ -474,16 +460,6 @@ mod tests {
         assert_eq!(colour("00ff00"), Ok([0, 255, 0]));
         for bad in ["", "#fff", "red", "#gg0000", "+12345", "#1234567"] {
             assert!(colour(bad).is_err(), "{bad}");
-        }
-    }
-
-    #[test]
-    fn shares_are_written_as_people_write_them() {
-        for (text, s) in [("5%", 0.05), ("1/20", 0.05), ("0.05", 0.05), ("all", 1.0), ("100%", 1.0), ("0", 0.0)] {
-            assert_eq!(share(text), Ok(s), "{text}");
-        }
-        for bad in ["", "5", "-1%", "101%", "1/0", "0/0", "x", "NaN", "1/2/3", "%"] {
-            assert!(share(bad).is_err(), "{bad}");
         }
     }
 

@@ -55,3 +55,32 @@ pub(crate) fn warning(v: &Verification) -> Option<String> {
         v.redone
     ))
 }
+
+/// A share of the tiles, 0 to 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    let wrong = || "expected a share of the tiles, such as 5%, 1/20, 0.05 or all".to_string();
+    let number = |t: &str| t.trim().parse::<f64>().map_err(|_| wrong());
+    let share = match (text, text.strip_suffix('%'), text.split_once('/')) {
+        ("all", ..) => 1.0,
+        ("none", ..) => 0.0,
+        (_, Some(percent), _) => number(percent)? / 100.0,
+        (_, None, Some((above, below))) => number(above)? / number(below)?,
+        _ => number(text)?,
+    };
+    if (0.0..=1.0).contains(&share) { Ok(share) } else { Err(wrong()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_written_as_people_write_them() {
+        for (text, s) in [("5%", 0.05), ("1/20", 0.05), ("0.05", 0.05), ("all", 1.0), ("100%", 1.0), ("0", 0.0)] {
+            assert_eq!(share(text), Ok(s), "{text}");
+        }
+        for bad in ["", "5", "-1%", "101%", "1/0", "0/0", "x", "NaN", "1/2/3", "%"] {
+            assert!(share(bad).is_err(), "{bad}");
+        }
+    }
+}
