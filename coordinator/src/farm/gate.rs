@@ -230,8 +230,12 @@ mod tests {
     #[tokio::test]
     async fn a_full_farm_takes_nobody_and_pushes_out_no_worker() {
         let gate = Gate::of(8);
-        let workers: Vec<_> = (0..8).map(|n| gate.enter(address(n)).unwrap()).collect();
-        workers.iter().for_each(|w| gate.settle(w));
+        let worker = |n| {
+            let worker = gate.enter(address(n)).unwrap();
+            gate.settle(&worker);
+            worker
+        };
+        let workers: Vec<_> = (0..8).map(worker).collect();
         assert!(gate.enter(address(9)).is_none());
         gate.left(&workers[0]);
         assert!(gate.enter(address(9)).is_some());
