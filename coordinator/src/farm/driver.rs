@@ -424,7 +424,8 @@ impl Driver {
 
     fn cut_off(&mut self, worker: WorkerKey, why: &CutOff) {
         let status = match why {
-            CutOff::Broke(rule) => Status::invalid_argument(format!("this worker was cut off: {rule}")),
+            // It would be turned away if it dialled again.
+            CutOff::Broke(rule) => for_good(Status::invalid_argument(format!("this worker was cut off: {rule}"))),
             CutOff::Silent(time) => Status::deadline_exceeded(format!("nothing was heard for {time:.1?}")),
             CutOff::Unready(time) => Status::deadline_exceeded(format!("the scene was not ready after {time:.0?}")),
         };
