@@ -26,7 +26,17 @@ pub fn program(name: &str) -> PathBuf {
             Some(name) => name,
         };
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-        let built = Command::new(cargo)
+        let mut build = Command::new(cargo);
+        // What cargo tells a test about itself makes build scripts run again that ask for such variables, and then all
+        // that depends on them.
+        for (name, _) in std::env::vars_os() {
+            let own = name.to_string_lossy();
+            if ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_", "CARGO_TARGET_TMPDIR"].iter().any(|p| own.starts_with(p))
+            {
+                build.env_remove(&name);
+            }
+        }
+        let built = build
             // With a test among the targets, dependencies have the features that they have under
             // `cargo test --workspace`, and are not built a second time.
             .args(["build", "--quiet", "--workspace", "--bins", "--test", "cli_other"])
