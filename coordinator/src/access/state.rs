@@ -12,7 +12,7 @@ const AUTHORITY: &str = "authority.pem";
 /// The workers' token.
 const TOKEN: &str = "token";
 
-/// See the [module](self).
+/// The folder in which the farm keeps its keys and secrets.
 #[derive(Clone, Debug)]
 pub struct State {
     folder: PathBuf,
