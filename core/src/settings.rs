@@ -279,5 +279,5 @@ pub struct Settings {
 impl Settings {
     /// The most rays in a path. Between two mirrors that keep all light a path has no other end, and what is kept
     /// of it takes memory; no picture shows what comes from so deep.
-    pub const MAX_DEPTH: u32 = 1 << 16;
+    pub const MAX_DEPTH: u32 = 1 << 17;
 }
