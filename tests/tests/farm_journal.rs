@@ -99,7 +99,10 @@ async fn what_is_kept_is_not_rendered_again_whatever_else_changes() {
         cluster.job.journal = Some(journal.clone());
         let rendered = cluster.start().await.end().await.unwrap();
         is_painted(&rendered);
-        assert_eq!(counted.0.load(Ordering::Relaxed) + kept, WHOLE.area(), "{first:?}, {then:?}");
+        // At the end, idle workers render what others have not delivered yet: one alone never does.
+        let traced = counted.0.load(Ordering::Relaxed);
+        let again = (traced + kept).checked_sub(WHOLE.area()).expect("all of it is rendered");
+        assert!(again == 0 || (workers > 1 && again < traced), "{first:?}, {then:?}: {again} pixels");
         assert_eq!(rendered.rays.camera + kept, WHOLE.area());
         assert!(rendered.earlier.tiles > 0 && rendered.earlier.tiles < rendered.tiles);
         journal.remove();
