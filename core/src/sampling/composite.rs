@@ -8,7 +8,7 @@ use super::strata::{Place, Polygon};
 use crate::settings::View;
 use crate::trace::{PlanePoint, Sample};
 
-/// Points that a zone between edges begins with, a ball that is alone in its pixel, and what is in no part.
+/// Points that a zone between edges begins with, a ball among others at most, and what is in no part.
 const ZONE: u32 = 8;
 const BALL: u32 = 64;
 const REST: u32 = 16;
@@ -70,7 +70,7 @@ impl Composite {
             if p.next == 0 { first } else { (p.next << p.doublings(rule, area)) - p.next }
         };
         let first = |p: &Part| match (p.polygon.is_ball(), self.parts.len()) {
-            (true, 1) => BALL,
+            (true, 1) => rule.lone_ball(),
             (true, _) => {
                 let worth = rule.points(SHADED * p.polygon.area() * p.polygon.area());
                 (worth as u32).clamp(ZONE, BALL).next_power_of_two()

@@ -25,6 +25,9 @@ struct Model {
 
 const MODEL: Model = Model { edge: 0.57, typical: 0.1, least_growth: 1.4, hidden: 2.5e-4 };
 
+/// What a point must take off at a tolerance of four steps in 255, which leads to a picture's error of half a step.
+const LOOSE_POINT: f64 = 2.9e-6;
+
 /// Of the error's mean square, what doubling the points takes off: 1 − 2^-1.5.
 const DOUBLING: f64 = 0.646_446_609_406_726_2;
 
@@ -47,6 +50,13 @@ impl Rule {
     /// Points of a pixel of such κ.
     pub(crate) fn points(&self, kappa: f64) -> f64 {
         libm::pow(DOUBLING * kappa / self.a_point, 0.4)
+    }
+
+    /// Points of a ball that is alone in its pixel: 64 at half a step in 255, so many more within tighter tolerances
+    /// that even a thin crescent's light is known to a hundredth.
+    pub(crate) fn lone_ball(&self) -> u32 {
+        let times = libm::pow(LOOSE_POINT / self.a_point, 0.56);
+        ((64.0 * times).clamp(64.0, 16384.0) as u32).next_power_of_two()
     }
 
     /// Points of a pixel in which so much, a part of full scale, may hide.
