@@ -343,17 +343,7 @@ impl<'a> View<'a> {
 
     /// Looks into a mirror.
     fn reflect(&self, receiver: &Receiver, weight: f64, doubt: &mut Doubt, views: &mut Vec<(View<'a>, Pixels)>) {
-        let prepared = self.tracer.prepared();
-        let plane = match kind(&prepared.scene, ObjectId(receiver.id)) {
-            Kind::Sphere(_) => None,
-            Kind::Plane(i) => Some((prepared.local.planes[i].n.to_dvec3(), prepared.local.planes[i].h)),
-            Kind::Triangle(i) => {
-                let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-                let n = (v[1] - v[0]).cross(v[2] - v[0]);
-                let n = n * (1.0 / n.length());
-                Some((n, n.dot(v[0])))
-            }
-        };
+        let plane = supporting_plane(self.tracer, receiver.id);
         match (plane, receiver.depth) {
             (Some((n, h)), Depth::Flat(w)) if self.behind < MIRRORS => {
                 let lens = self.lens.mirrored(n, h);
@@ -361,6 +351,22 @@ impl<'a> View<'a> {
                 views.push((View { lens, mirror, weight, behind: self.behind + 1, ..*self }, receiver.pixels));
             }
             _ => open(doubt, receiver.pixels, weight),
+        }
+    }
+}
+
+/// The plane n · P = h that a flat object lies in, n of length 1; none of a sphere.
+#[inline(always)]
+pub(super) fn supporting_plane(tracer: &Tracer, id: u32) -> Option<(DVec3, f64)> {
+    let prepared = tracer.prepared();
+    match kind(&prepared.scene, ObjectId(id)) {
+        Kind::Sphere(_) => None,
+        Kind::Plane(i) => Some((prepared.local.planes[i].n.to_dvec3(), prepared.local.planes[i].h)),
+        Kind::Triangle(i) => {
+            let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
+            let n = (v[1] - v[0]).cross(v[2] - v[0]);
+            let n = n * (1.0 / n.length());
+            Some((n, n.dot(v[0])))
         }
     }
 }

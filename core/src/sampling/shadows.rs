@@ -8,7 +8,7 @@ use crate::beam::lens::{MARGIN, Pixels, pixels_above, row};
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 
-use super::proof::{Doubt, MIDDLE, View, object, open};
+use super::proof::{Doubt, MIDDLE, View, object, open, supporting_plane};
 use super::strata::{Shape, Shapes};
 
 /// Objects that may stand between a light and a surface, at most; where there are more, it is left open.
@@ -159,17 +159,7 @@ impl View<'_> {
 
     #[inline(always)]
     fn flat(&self, id: u32) -> Option<Flat> {
-        let prepared = self.tracer.prepared();
-        let (n, h) = match kind(&prepared.scene, ObjectId(id)) {
-            Kind::Sphere(_) => return None,
-            Kind::Plane(i) => (prepared.local.planes[i].n.to_dvec3(), prepared.local.planes[i].h),
-            Kind::Triangle(i) => {
-                let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-                let n = (v[1] - v[0]).cross(v[2] - v[0]);
-                let n = n * (1.0 / n.length());
-                (n, n.dot(v[0]))
-            }
-        };
+        let (n, h) = supporting_plane(self.tracer, id)?;
         Some(if n.dot(self.lens.apex) < h { Flat { n: -n, h: -h } } else { Flat { n, h } })
     }
 
