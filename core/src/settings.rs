@@ -142,8 +142,9 @@ pub struct AuditRate(pub u32);
 impl AuditRate {
     /// The rate at which every pixel is audited.
     pub const ALL: Self = Self(u32::MAX);
-    /// The least part of the rate with which any pixel is drawn.
-    pub const FLOOR: f64 = 1.0 / 16.0;
+    /// The least part of the rate with which a pixel is drawn that was not proven: that high, since what errs
+    /// unexpectedly makes an estimate vary most.
+    pub const FLOOR: f64 = 0.5;
 
     /// As a factor of probabilities; those above 1 are 1.
     #[must_use]

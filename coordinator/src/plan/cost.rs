@@ -8,20 +8,23 @@ use std::time::Duration;
 use tessera_core::film::ErrorEstimate;
 use tessera_core::settings::{AuditRate, Tolerance};
 
-/// Points that every pixel begins with.
-const FIRST: f64 = 4.0;
+/// Points that pixels begin with: four, or one where that is proven to be enough.
+const FIRST: f64 = 2.0;
 /// κ of the edge whose error the tolerance states: its mean over n points errs by κ·n^-1.5 (mean square).
 const TYPICAL: f64 = 0.1;
 /// A picture of at most so many pixels is audited as a whole.
 pub(super) const SMALL: u64 = 3000;
 /// Pixels audited where a picture has many.
-const AUDITED: f64 = 2000.0;
+const AUDITED: f64 = 3000.0;
 /// And those of smaller ones, which may cost more than their share.
 const AUDITED_AT_LEAST: f64 = 500.0;
-/// An audit costs about 2.5 times its rate, as a share of the picture: two sets of as many points each.
+/// An audit costs about 1.3 times its rate, as a share of the picture's points: two sets of as many points each, of
+/// pixels with more points than most.
 const MOST_RATE: f64 = 0.04;
+/// Of the pixels that a rate of 1 would draw, where nothing is known yet: this share of all.
+const DRAWN: f64 = 0.3;
 /// The error of a picture is aimed at from below, by this share.
-pub(super) const MOST_AIM: f64 = 0.85;
+pub(super) const MOST_AIM: f64 = 0.82;
 
 /// Points of an edge whose error the tolerance states.
 fn typical_points(tolerance: f64) -> f64 {
@@ -39,24 +42,22 @@ fn relative(error: &ErrorEstimate, t: f64) -> f64 {
     if error.pixels == 0 { 0.0 } else { error.expected.value().max(0.0) / (error.pixels as f64 * t * t) }
 }
 
-/// The same, the picture being expected to err by `relative`: a mean square, in squares of its tolerance.
-fn rate(area: u64, relative: f64) -> (AuditRate, f64) {
+/// The audit of a pass over `area` pixels, and how many of them it is expected to draw, by how many were drawn of
+/// the picture, or of a part of it, at which rate.
+pub(super) fn audit(area: u64, seen: Option<(&ErrorEstimate, AuditRate)>) -> (AuditRate, f64) {
     let all = area as f64;
     if area <= SMALL {
         return (AuditRate::ALL, all);
     }
-    // Pixels drawn at a rate of 1, but for those that are drawn anyway.
-    let drawn = (all * (AuditRate::FLOOR + relative)).max(1.0);
+    let share = match seen {
+        Some((error, rate)) if error.audited > 0 && rate != AuditRate::ALL => {
+            (error.audited as f64 / (error.pixels as f64 * rate.factor())).max(1e-3)
+        }
+        _ => DRAWN,
+    };
+    let drawn = (all * share).max(1.0);
     let rate = (AUDITED / drawn).min(MOST_RATE.max(AUDITED_AT_LEAST / drawn));
     (AuditRate((rate * 65536.0).ceil() as u32), (rate * drawn).min(all))
-}
-
-/// The audit of a pass over `area` pixels, and how many of them it is expected to draw, by what was expected of the
-/// picture within a like tolerance.
-pub(super) fn audit(area: u64, seen: Option<(&ErrorEstimate, Tolerance)>) -> (AuditRate, f64) {
-    // In squares of the tolerance, the error stays what it was, but for pixels that are content with their first
-    // points.
-    rate(area, seen.map_or(0.05, |(error, tolerance)| relative(error, tolerance.fraction())))
 }
 
 /// The audit of a coarse pass, whose pixels are all alike to it: so many of them.

@@ -22,26 +22,32 @@ use super::{Outcome, Step, reaches, within};
 const GUESS: f64 = 4.0;
 /// No pixel gets more than its first points within a tolerance above this.
 const LOOSEST: f64 = 64.0 / 255.0;
-/// Audits of looks draw every pixel that is expected to err by half the tolerance, and one in four of the others.
-const LOOK_RATE: AuditRate = AuditRate(4 << 16);
+/// Audits of looks draw one in five of the pixels that are not proven, and more of those that are expected to err most.
+const LOOK_RATE: AuditRate = AuditRate((2 << 16) / 5);
 /// The upper end of the interval is aimed at this share of the target.
-const SURE: f64 = 0.97;
+const SURE: f64 = 0.9;
 /// The error itself is aimed at this share of the target at least, and at this one of a small picture.
-const LEAST_AIM: f64 = 0.6;
+const LEAST_AIM: f64 = 0.55;
 const LEAST_AIM_AT_ALL: f64 = 0.45;
 /// What a look at parts saw counts as what was expected there times such factors at most: a pixel that errs by far
 /// more than was thought says that something is missed, and not how the error depends on the tolerance.
 const SURPRISE: [f64; 2] = [0.6, 1.5];
 /// After a render that missed the target, this share of it is aimed at, by this much finer at least.
-const ONCE_MORE: f64 = 0.75;
+const ONCE_MORE: f64 = 0.9;
 /// A tolerance has helped where the error fell by this share of what the tolerance did.
 const HELPS: f64 = 0.3;
 /// A picture that is better than this share of the target is too good.
 const TOO_GOOD: f64 = 0.4;
 /// Tolerances are changed by such factors at a time.
 const STEPS: [f64; 2] = [0.1, 4.0];
-/// After a second look the tolerance is changed no more than by such factors without another one.
-const NEAR: [f64; 2] = [0.6, 1.5];
+/// An audit of more pixels is more exact, but for what few of them have most of: its interval narrows to this share.
+const NARROWS: f64 = 0.8;
+/// What the sampler expects may be off by this share, as far as is known before anything is audited.
+const MODEL_IS_OFF: f64 = 0.2;
+/// After a look that saw what was expected, errors are changed by such factors at most without another one.
+const NEAR: [f64; 2] = [0.4, 2.5];
+/// What a look costs, in renders of as many pixels.
+const AUDITED_LOOK: f64 = 2.0;
 /// Errors fall with the tolerance to about this power.
 const POWER: f64 = 0.9;
 /// Looks at most: at parts, and at all of a small picture.
@@ -58,8 +64,9 @@ pub(crate) struct Target {
     region: Region,
     /// Of the pass at hand.
     tolerance: Tolerance,
-    /// What the last look saw within what.
-    seen: Option<(ErrorEstimate, Tolerance)>,
+    audit: AuditRate,
+    /// What the last pass saw, and how much of it was audited.
+    seen: Option<(ErrorEstimate, AuditRate)>,
     looks: usize,
     renders: u32,
     /// The loosest tolerance known to meet the target, and the tightest known not to.
@@ -79,10 +86,29 @@ struct Seen {
     rmse: f64,
     /// What the sampler expected.
     expected: f64,
-    /// The upper end of its interval.
+    /// The ends of its interval.
+    lower: f64,
     upper: f64,
     /// By how much a render's error may be above what is aimed at.
     margin: f64,
+}
+
+impl Seen {
+    /// Whether the audit agrees with the sampler.
+    fn is_expected(&self) -> bool {
+        self.lower < (1.0 + MODEL_IS_OFF) * self.expected && self.expected < (1.0 + MODEL_IS_OFF) * self.upper
+    }
+
+    /// The error of the whole: between what the audit found and what was expected, by how sure either is.
+    fn likely(&self) -> f64 {
+        let found = self.rmse.clamp(SURPRISE[0] * self.expected, SURPRISE[1] * self.expected);
+        if !(self.rmse > 0.0 && self.expected > 0.0) {
+            return found;
+        }
+        let off = 0.5 * (self.upper / self.rmse - 1.0);
+        let share = MODEL_IS_OFF * MODEL_IS_OFF / (MODEL_IS_OFF * MODEL_IS_OFF + off * off);
+        libm::pow(found, share) * libm::pow(self.expected, 1.0 - share)
+    }
 }
 
 impl Target {
@@ -92,6 +118,7 @@ impl Target {
             view,
             region,
             tolerance: clamped(GUESS * error),
+            audit: LOOK_RATE,
             seen: None,
             looks: 0,
             renders: 0,
@@ -122,22 +149,23 @@ impl Target {
         }
         let spots = self.spots();
         let error = outcome.error;
-        let (rmse, upper) = (error.rmse(), error.interval().1);
-        self.seen = Some((error, self.tolerance));
+        let (rmse, (lower, upper)) = (error.rmse(), error.interval());
+        self.seen = Some((error, self.audit));
         // The render's audit draws other pixels, and more or fewer of them.
         let (_, drawn) = cost::audit(self.view.area(), self.seen.as_ref().map(|(e, t)| (e, *t)));
-        let audits = if spots.are_all() { 1.0 } else { (error.audited as f64 / drawn.max(1.0)).sqrt() };
-        let spread = if rmse > 0.0 { (upper / rmse - 1.0) * audits } else { 0.0 };
+        let audits = if spots.are_all() { 1.0 } else { (error.audited as f64 / drawn.max(1.0)).sqrt().max(NARROWS) };
+        let expected = error.expected_rmse();
+        // What errors were found may be few of those that there are.
+        let spread = if rmse > 0.0 { (upper / rmse.max(expected.min(upper)) - 1.0) * audits } else { 0.0 };
         let fields = spots.fields(&outcome.tiles);
         let doubt = fields.doubt();
         if !spots.are_all() {
             // A look's pixels are audited, and the pixels around each block are sampled for it alone.
-            let points = error.pixels as f64 * (3.0 * cost::points(&error, self.tolerance) + 2.0);
+            let points = error.pixels as f64 * (AUDITED_LOOK * cost::points(&error, self.tolerance) + 2.0);
             let seconds = outcome.took.as_secs_f64() / points.max(1.0);
             self.work = Some((fields.work(|e| cost::points(e, self.tolerance)), seconds));
         }
-        let expected = error.expected_rmse();
-        let seen = Seen { rmse, expected, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
+        let seen = Seen { rmse, expected, lower, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
         if spots.are_all() { self.after_all(seen) } else { self.after_look(seen) }
     }
 
@@ -150,7 +178,7 @@ impl Target {
             // Where nothing was seen to err, the upper end says how little that tells.
             if seen.rmse > 0.0 { seen.rmse } else { 0.5 * seen.upper }
         } else {
-            seen.rmse.clamp(SURPRISE[0] * seen.expected, SURPRISE[1] * seen.expected)
+            seen.likely()
         };
         let ratio = if rmse > 0.0 { aim / rmse } else { STEPS[1] };
         (self.scaled(ratio), ratio)
@@ -164,9 +192,9 @@ impl Target {
     /// After a look at parts.
     fn after_look(&mut self, seen: Seen) -> Option<Step> {
         let (next, ratio) = self.better(&seen);
-        let near = self.looks > 1 && (NEAR[0]..NEAR[1]).contains(&ratio);
+        let near = (self.looks > 1 || seen.is_expected()) && (NEAR[0]..NEAR[1]).contains(&ratio);
         if near || self.looks >= LOOKS || next == self.tolerance {
-            let expected = seen.rmse * next.fraction() / self.tolerance.fraction();
+            let expected = seen.likely() * next.fraction() / self.tolerance.fraction();
             self.met = expected * seen.margin <= self.error;
             return Some(self.render(next));
         }
@@ -213,7 +241,7 @@ impl Target {
         if in_vain || self.renders >= RENDERS || self.tolerance == Tolerance::MIN {
             return None;
         }
-        self.seen = Some((outcome.error, self.tolerance));
+        self.seen = Some((outcome.error, self.audit));
         let next = self.scaled((ONCE_MORE * self.error / upper).min(ONCE_MORE));
         Some(self.render(next))
     }
@@ -265,9 +293,10 @@ impl Target {
             cost::audit(self.region.area(), seen)
         };
         // A look's pixels are audited, and their neighbours belong to no other tile.
-        let audited = if self.renders == 0 { 3.0 } else { 1.0 };
+        let audited = if self.renders == 0 { AUDITED_LOOK } else { 1.0 };
         let dearer = libm::pow(self.tolerance.fraction() / tolerance.fraction(), 1.0) / audited;
         self.tolerance = tolerance;
+        self.audit = audit;
         self.renders += 1;
         Step { pass: within(tolerance, audit), regions: Vec::new(), kept: true, dearer }
     }
@@ -279,9 +308,11 @@ impl Target {
         self.looks += 1;
         let spots = self.spots();
         if spots.are_all() && self.is_whole() {
+            self.audit = AuditRate::ALL;
             return Step { pass: within(tolerance, AuditRate::ALL), regions: Vec::new(), kept: true, dearer };
         }
         let audit = if spots.are_all() { AuditRate::ALL } else { LOOK_RATE };
+        self.audit = audit;
         Step { pass: within(tolerance, audit), regions: spots.regions().collect(), kept: false, dearer }
     }
 }

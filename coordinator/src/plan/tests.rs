@@ -154,11 +154,11 @@ fn what_is_good_enough_at_first_points_is_not_refined() {
 #[test]
 fn large_pictures_are_audited_little_and_small_ones_whole() {
     use tessera_core::settings::AuditRate;
-    let seen = |pixels: u64| ErrorEstimate { pixels, expected: Sum::new(4e-6 * pixels as f64), ..Default::default() };
-    let t = Tolerance::new(0.01);
-    assert_eq!(cost::audit(3000, Some((&seen(3000), t))).0, AuditRate::ALL);
+    let seen = |pixels: u64| ErrorEstimate { pixels, audited: pixels / 10, ..Default::default() };
+    let look = AuditRate(1 << 14);
+    assert_eq!(cost::audit(3000, Some((&seen(3000), look))).0, AuditRate::ALL);
     for (w, h) in [(640, 480), (1920, 1080), (8000, 6000)] {
-        let (rate, drawn) = cost::audit(w * h, Some((&seen(6400), t)));
+        let (rate, drawn) = cost::audit(w * h, Some((&seen(6400), look)));
         assert!((1000.0..=3000.0).contains(&drawn) && rate.factor() <= 0.041, "{w}x{h}: {drawn}");
     }
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::{Detail, Pass, Tolerance};
+use tessera_core::settings::{AuditRate, Detail, Pass, Tolerance};
 
 use super::cost::{self, MOST_AIM};
 use super::{Outcome, Step, reaches, within};
@@ -29,11 +29,13 @@ pub(crate) struct Timed {
     region: Region,
     /// Of the pass at hand.
     detail: Detail,
+    /// Of the last pass that was not coarse.
+    audit: Option<AuditRate>,
 }
 
 impl Timed {
     pub(super) fn new(limit: Duration, error: Option<f64>, region: Region) -> Self {
-        Self { limit, error, region, detail: Detail::Coarse { step: FIRST_STEP } }
+        Self { limit, error, region, detail: Detail::Coarse { step: FIRST_STEP }, audit: None }
     }
 
     pub(super) fn limit(&self) -> Duration {
@@ -92,11 +94,8 @@ impl Timed {
 
     /// The next picture, its worst parts first.
     fn fine(&mut self, fraction: f64, dearer: f64, outcome: &Outcome) -> Step {
-        let before = match self.detail {
-            Detail::Within(tolerance) => Some((&outcome.error, tolerance)),
-            Detail::Coarse { .. } => None,
-        };
-        let (audit, _) = cost::audit(self.region.area(), before);
+        let (audit, _) = cost::audit(self.region.area(), self.audit.map(|rate| (&outcome.error, rate)));
+        self.audit = Some(audit);
         let tolerance = Tolerance::new(fraction);
         self.detail = Detail::Within(tolerance);
         let mut tiles = outcome.tiles.clone();

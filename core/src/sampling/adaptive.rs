@@ -26,8 +26,6 @@ use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 const PIECE: u32 = 256;
 /// Pixels along the edge of the blocks that threads take.
 const BLOCK: u32 = 32;
-/// Points that every pixel begins with.
-const FIRST: u32 = 4;
 
 /// The samples that pixels are made of; other sets have nothing in common with it.
 pub(super) const PICTURE: u64 = 0;
@@ -39,7 +37,7 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
     let mut counts = RayCounts::default();
     let rule = Rule::new(tolerance);
     for piece in region.blocks(PIECE) {
-        let first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &mut counts);
+        let first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &rule, &mut counts);
         let blocks: Vec<_> = piece
             .blocks(BLOCK)
             .into_par_iter()
@@ -109,8 +107,8 @@ impl First {
         let (mut sum, mut weights) = (0.0, 0.0);
         for j in y.max(y0 + 1) - 1..(y + 2).min(y1) {
             for i in x.max(x0 + 1) - 1..(x + 2).min(x1) {
-                // Of what is proven nothing is learnt about others.
-                if self.at((i, j)).is_known() {
+                // Of what is proven, or good enough, nothing is learnt about others.
+                if !self.at((i, j)).has_variance() {
                     continue;
                 }
                 let weight = [4.0, 2.0, 1.0][(x.abs_diff(i) + y.abs_diff(j)) as usize];
@@ -132,14 +130,14 @@ struct Doubts {
 }
 
 impl Doubts {
-    fn new(tracer: &Tracer, block: Region, tolerance: Tolerance) -> Self {
+    fn new(tracer: &Tracer, block: Region, tolerance: Tolerance, rule: &Rule) -> Self {
         let view = &tracer.settings().view;
         let (x0, y0) = (block.x0 / EDGE, block.y0 / EDGE);
         let (across, down) = (block.x1.div_ceil(EDGE) - x0, block.y1.div_ceil(EDGE) - y0);
         let tiles = (0..across * down)
             .map(|k| {
                 let at = centre(view, (x0 + k % across) * EDGE, (y0 + k / across) * EDGE);
-                prove(tracer, at, tolerance.fraction())
+                prove(tracer, at, tolerance.fraction(), rule.candidates())
             })
             .collect();
         Self { tiles, across, x0, y0 }
@@ -185,7 +183,7 @@ fn aligned(region: Region, edge: u32) -> Vec<Region> {
 }
 
 /// Samples the first points of all pixels of `region`.
-fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, counts: &mut RayCounts) -> First {
+fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, rule: &Rule, counts: &mut RayCounts) -> First {
     let view = &tracer.settings().view;
     let done: Vec<_> = aligned(region, BLOCK)
         .into_par_iter()
@@ -193,7 +191,7 @@ fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, counts: &mut Ray
             let mut counts = RayCounts::default();
             let mut order = Vec::new();
             packets(block.width(), block.height(), |i, j| order.push((block.x0 + i, block.y0 + j)));
-            let doubts = Doubts::new(tracer, block, tolerance);
+            let doubts = Doubts::new(tracer, block, tolerance, rule);
             let composites = doubts.composites(tracer, block);
             let mut points: Vec<PlanePoint> = Vec::new();
             for &at in &order {
@@ -201,7 +199,7 @@ fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, counts: &mut Ray
                     points.push(centre(view, at.0, at.1));
                 } else {
                     let sequence = Sequence::new(view, at, PICTURE);
-                    points.extend((0..FIRST).map(|k| sequence.point(k)));
+                    points.extend((0..rule.first(doubts.at(at).into())).map(|k| sequence.point(k)));
                 }
             }
             let mut samples = vec![Sample::BLANK; points.len()];
@@ -218,8 +216,9 @@ fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, counts: &mut Ray
                     if doubts.at(at) == 0.0 {
                         return (at, Pixel::known(next(1)[0].radiance));
                     }
-                    let mut pixel = Pixel::doubted(f64::from(doubts.at(at)));
-                    pixel.add(FIRST, next(FIRST as usize).iter().map(|s| s.radiance));
+                    let doubt = f64::from(doubts.at(at));
+                    let (mut pixel, n) = (Pixel::doubted(doubt), rule.first(doubt));
+                    pixel.add(n, next(n as usize).iter().map(|s| s.radiance));
                     (at, pixel)
                 })
                 .collect();
@@ -251,15 +250,17 @@ impl Refinement<'_> {
         let mut pixels: Vec<Pixel> = block_pixels(block)
             .map(|at| {
                 let mut pixel = *first.at(at);
-                if !pixel.is_known() {
+                if pixel.has_variance() {
                     pixel.expect(first.pooled(at));
+                } else if !pixel.is_known() {
+                    pixel.expect_hidden();
                 }
                 pixel
             })
             .collect();
         let inside = |(x, y): (u32, u32)| (block.x0..block.x1).contains(&x) && (block.y0..block.y1).contains(&y);
         let mut composites: Vec<Composite> = first.composites.iter().filter(|c| inside(c.at)).cloned().collect();
-        composites.iter_mut().for_each(|c| c.among(first.pooled(c.at)));
+        composites.iter_mut().filter(|c| first.at(c.at).has_variance()).for_each(|c| c.among(first.pooled(c.at)));
         let mut apart = vec![false; pixels.len()];
         composites
             .iter()

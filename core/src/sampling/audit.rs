@@ -34,7 +34,7 @@ pub(super) struct Audited<'a> {
 }
 
 /// Of the floor, how likely pixels are drawn that were proven.
-const PROVEN: f64 = 0.25;
+const PROVEN: f64 = 1.0 / 16.0;
 
 /// The probability that a pixel is audited.
 fn probability(pixel: &Audited<'_>, tolerance: Tolerance, rate: AuditRate) -> f64 {

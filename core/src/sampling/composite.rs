@@ -69,13 +69,17 @@ impl Composite {
         let more = |p: &Pixel, area: f64, first: u32| {
             if p.next == 0 { first } else { (p.next << p.doublings(rule, area)) - p.next }
         };
-        let first = |p: &Part| match (p.polygon.is_ball(), self.parts.len()) {
-            (true, 1) => rule.lone_ball(),
-            (true, _) => {
+        let first = |p: &Part| match p.polygon.ball() {
+            Some(ball) if ball.alone => {
+                // Its share of the points of all of it.
+                let share = rule.lone_ball() as f64 * p.polygon.area() / ball.area;
+                (share as u32).max(BALL / 4).next_power_of_two()
+            }
+            Some(_) => {
                 let worth = rule.points(SHADED * p.polygon.area() * p.polygon.area());
                 (worth as u32).clamp(ZONE, BALL).next_power_of_two()
             }
-            (false, _) => ZONE,
+            None => ZONE,
         };
         let mut wanted: Vec<u32> = self.parts.iter().map(|p| more(&p.mean, p.polygon.area(), first(p))).collect();
         wanted.push(more(&self.rest, 1.0, REST));

@@ -6,6 +6,9 @@ use crate::settings::Tolerance;
 
 /// Points of a pixel at most.
 pub(crate) const MOST: u32 = 1 << 16;
+/// Points that a pixel begins with in which anything may be seen: the least that have a variance where a point
+/// must take off more than [`Rule::LOOSE`], else enough to miss little.
+const FIRST: [u32; 2] = [2, 4];
 
 /// Constants of the model of errors.
 ///
@@ -28,6 +31,12 @@ const MODEL: Model = Model { edge: 0.57, typical: 0.1, least_growth: 1.4, hidden
 /// What a point must take off at a tolerance of four steps in 255, which leads to a picture's error of half a step.
 const LOOSE_POINT: f64 = 2.9e-6;
 
+/// κ of an edge on whose sides colours are off by so much from their mean, wherever it passes.
+fn edge(contrast: f64) -> f64 {
+    // Its variance is 4·contrast²·p(1 − p), p(1 − p) being a sixth in the mean.
+    MODEL.edge * contrast * contrast * (2.0 / 3.0)
+}
+
 /// Of the error's mean square, what doubling the points takes off: 1 − 2^-1.5.
 const DOUBLING: f64 = 0.646_446_609_406_726_2;
 
@@ -36,6 +45,10 @@ const DOUBLING: f64 = 0.646_446_609_406_726_2;
 pub(crate) struct Rule {
     /// Mean square that a point must take off to be worth it.
     a_point: f64,
+    /// Below such doubts a pixel begins with one point, or with two.
+    few: [f64; 2],
+    /// Points that others begin with.
+    first: u32,
 }
 
 impl Rule {
@@ -44,7 +57,21 @@ impl Rule {
         let t = tolerance.fraction();
         // κ n^-1.5 = t² and DOUBLING · κ n^-2.5 = a_point at κ = typical.
         let n = libm::pow(MODEL.typical / (t * t), 2.0 / 3.0);
-        Self { a_point: DOUBLING * t * t / n }
+        let a_point = DOUBLING * t * t / n;
+        // Doubts whose edge is worth so many points.
+        let few = [1.0, 2.0].map(|points| {
+            let n: f64 = MODEL.least_growth * points;
+            (a_point * n * n * n.sqrt() / (DOUBLING * edge(1.0))).sqrt()
+        });
+        Self { a_point, few, first: FIRST[usize::from(a_point < Self::LOOSE)] }
+    }
+
+    /// Reached at a tolerance of ten steps in 255.
+    const LOOSE: f64 = 6e-5;
+    /// Objects that a tile is proven among at most: under loose tolerances a proof among many costs more than the
+    /// points that it saves.
+    pub(crate) fn candidates(&self) -> usize {
+        if self.a_point < Self::LOOSE { 48 } else { 8 }
     }
 
     /// Points of a pixel of such κ.
@@ -52,16 +79,21 @@ impl Rule {
         libm::pow(DOUBLING * kappa / self.a_point, 0.4)
     }
 
+    /// Points that a pixel begins with in which so much, a part of full scale, may hide: a small contrast is not
+    /// worth all of them.
+    pub(crate) fn first(&self, doubt: f64) -> u32 {
+        match self.few {
+            [one, _] if doubt < one => 1,
+            [_, two] if doubt < two => 2,
+            _ => self.first,
+        }
+    }
+
     /// Points of a ball that is alone in its pixel: 64 at half a step in 255, so many more within tighter tolerances
     /// that even a thin crescent's light is known to a hundredth.
     pub(crate) fn lone_ball(&self) -> u32 {
         let times = libm::pow(LOOSE_POINT / self.a_point, 0.56);
         ((64.0 * times).clamp(64.0, 16384.0) as u32).next_power_of_two()
-    }
-
-    /// Points of a pixel in which so much, a part of full scale, may hide.
-    fn search(&self, doubt: f64) -> f64 {
-        libm::cbrt(0.75 * MODEL.hidden * doubt * doubt / self.a_point)
     }
 }
 
@@ -94,7 +126,12 @@ impl Pixel {
 
     /// Whether its mean is known without more ado.
     pub(crate) fn is_known(&self) -> bool {
-        self.points == 1
+        self.points == 1 && self.doubt == 0.0
+    }
+
+    /// Whether it has samples enough for a variance that tells something.
+    pub(crate) fn has_variance(&self) -> bool {
+        self.points > 1
     }
 
     /// Adds samples that are the next of the pixel's sequence, which were `taken` in all. They double their number,
@@ -140,6 +177,12 @@ impl Pixel {
         self.weight = 3.0;
     }
 
+    /// What is thought of it by what may hide in it: of too few samples to have a variance.
+    pub(crate) fn expect_hidden(&mut self) {
+        self.kappa = edge(self.doubt);
+        self.weight = 3.0;
+    }
+
     /// What is thought of it by its own samples alone.
     pub(crate) fn expect_alone(&mut self) {
         self.expect(self.variance());
@@ -153,12 +196,17 @@ impl Pixel {
 
     /// How often its points are to be doubled next, 0 where it is done; as the mean of so large a part of a pixel.
     pub(crate) fn doublings(&self, rule: &Rule, area: f64) -> u32 {
-        let most = f64::from(MOST / self.next.max(1));
-        let worth = rule.points(self.kappa * area * area).max(rule.search(self.doubt * area));
-        let growth = (worth / f64::from(self.points.max(1))).min(most);
-        if growth < MODEL.least_growth {
+        // Growth by g is worth it where κ is that of g times as many points, whose power is taken without a root.
+        let (kappa, points) = (DOUBLING * self.kappa * area * area, f64::from(self.points.max(1)));
+        let hidden = 0.75 * MODEL.hidden * self.doubt * self.doubt * area * area;
+        let worth = |growth: f64| {
+            let n = growth * points;
+            kappa > rule.a_point * n * n * n.sqrt() || hidden > rule.a_point * n * n * n
+        };
+        let most = MOST / self.next.max(1);
+        if most < 2 || !worth(MODEL.least_growth) {
             0
-        } else if growth < 3.0 {
+        } else if most < 4 || !worth(3.0) {
             1
         } else {
             2

@@ -40,7 +40,7 @@ fn permute(mut x: u32, seed: u32) -> u32 {
 }
 
 /// The second dimension's number of a point, bits reversed.
-fn second(mut index: u32) -> u32 {
+const fn second(mut index: u32) -> u32 {
     let (mut v, mut r) = (1u32 << 31, 0);
     while index != 0 {
         if index & 1 == 1 {
@@ -51,6 +51,17 @@ fn second(mut index: u32) -> u32 {
     }
     r.reverse_bits()
 }
+
+/// The same of the first points, which most pixels have no more than.
+const SECONDS: [u32; 64] = {
+    let mut all = [0; 64];
+    let mut k = 0;
+    while k < all.len() {
+        all[k] = second(k as u32);
+        k += 1;
+    }
+    all
+};
 
 /// One scrambled sequence of a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -82,7 +93,8 @@ impl Sequence {
     #[inline]
     fn bits(&self, index: u32) -> [u32; 2] {
         let scrambled = |reversed: u32, seed: u32| permute(reversed, seed).reverse_bits();
-        [scrambled(index, self.seeds[0]), scrambled(second(index), self.seeds[1])]
+        let second = SECONDS.get(index as usize).copied().unwrap_or_else(|| second(index));
+        [scrambled(index, self.seeds[0]), scrambled(second, self.seeds[1])]
     }
 
     /// The point at a place of the pixel, 0 to 1 from the left and from below.

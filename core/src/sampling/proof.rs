@@ -15,12 +15,10 @@ use crate::scene::Pigment;
 use crate::simd::{Kernel, Simd};
 use crate::trace::{PlanePoint, Tracer};
 
-use super::shadows::{Group, Receiver};
+use super::shadows::{APART, Group, Receiver};
 use super::sheet;
 use super::strata::Shapes;
 
-/// Objects that a tile is proven among, at most; where there are more, it is left open.
-const MOST: usize = 48;
 /// Flat mirrors that are looked into, one behind the other.
 const MIRRORS: u32 = 4;
 /// What weighs less than this is not worth a proof.
@@ -44,15 +42,16 @@ pub(super) struct Candidate {
 }
 
 /// What is in doubt in the pixels of the tile whose upper left pixel has its centre at `at`, under `tolerance`, a
-/// part of full scale.
-pub(crate) fn prove(tracer: &Tracer, at: PlanePoint, tolerance: f64) -> (Doubt, Shapes) {
-    crate::simd::dispatch(tracer.level(), Prove { tracer, tile: Tile::new(at.x, at.y), tolerance })
+/// part of full scale. Where more than `most` objects may be met, or stand between it and a light, it is left open.
+pub(crate) fn prove(tracer: &Tracer, at: PlanePoint, tolerance: f64, most: usize) -> (Doubt, Shapes) {
+    crate::simd::dispatch(tracer.level(), Prove { tracer, tile: Tile::new(at.x, at.y), tolerance, most })
 }
 
 struct Prove<'a> {
     tracer: &'a Tracer,
     tile: Tile,
     tolerance: f64,
+    most: usize,
 }
 
 impl Kernel for Prove<'_> {
@@ -71,6 +70,7 @@ impl Kernel for Prove<'_> {
             tracer: self.tracer,
             tile: &self.tile,
             tolerance: self.tolerance,
+            most: self.most,
             lens,
             mirror: None,
             weight: 1.0,
@@ -89,6 +89,8 @@ pub(super) struct View<'a> {
     pub(super) tracer: &'a Tracer,
     pub(super) tile: &'a Tile,
     pub(super) tolerance: f64,
+    /// Objects that are looked at, at most.
+    pub(super) most: usize,
     pub(super) lens: Lens,
     /// The flat mirror that is looked into: its object, normal, offset, and inverse distance.
     mirror: Option<(u32, DVec3, f64, Linear)>,
@@ -135,16 +137,19 @@ impl<'a> View<'a> {
             let pixels = of & c.alive & c.cover.covered & !twice;
             if pixels != 0 {
                 proven |= pixels;
-                groups.push(Group::of(Receiver { id: c.id, pixels, depth: c.cover.depth }));
+                let receiver = Receiver { id: c.id, pixels, depth: c.cover.depth, apart: true };
+                Group::add(&mut groups, self.tile, receiver, c.triangle.is_some());
             }
         }
         let sheet = of & whole & !proven;
         if sheet != 0 {
             proven |= sheet;
             let parts = candidates.iter().filter(|c| c.alive & sheet != 0);
-            let receivers =
-                parts.map(|c| Receiver { id: c.id, pixels: c.alive & sheet, depth: c.cover.depth }).collect();
-            groups.push(Group { receivers, pixels: sheet });
+            let apart = parts.clone().count() <= APART;
+            for c in parts {
+                let receiver = Receiver { id: c.id, pixels: c.alive & sheet, depth: c.cover.depth, apart };
+                Group::add(&mut groups, self.tile, receiver, true);
+            }
             self.facets(&candidates, sheet, doubt);
         }
         open(doubt, of & !proven, self.weight);
@@ -164,7 +169,7 @@ impl<'a> View<'a> {
             pyramid = pyramid.cut(n * side, h * side - 1e-9 * (h.abs() + 1.0));
         }
         let mut ids: Vec<u32> = (0..prepared.local.planes.len() as u32).collect();
-        if ids.len() > MOST || !gather(&prepared.boxes, &pyramid, MOST, &mut ids) {
+        if ids.len() > self.most || !gather(&prepared.boxes, &pyramid, self.most, &mut ids) {
             return None;
         }
         let own = self.mirror.map(|m| m.0);
@@ -302,7 +307,7 @@ impl<'a> View<'a> {
         }
         if !matte.is_empty() {
             let pixels = matte.iter().fold(0, |all, r| all | r.pixels);
-            self.shadows(&Group { receivers: matte, pixels }, doubt, shapes);
+            self.shadows(&Group { receivers: matte, pixels, ..*group }, doubt, shapes);
         }
     }
 

@@ -4,18 +4,17 @@ use glam::DVec3;
 
 use crate::beam::cover::Depth;
 use crate::beam::gather::{Shaft, gather};
-use crate::beam::lens::{MARGIN, Pixels, pixels_above, row};
+use crate::beam::lens::{MARGIN, Pixels, Tile, pixels_above, row};
 use crate::geometry::ObjectId;
 use crate::geometry::local::{Kind, kind};
 
 use super::proof::{Doubt, MIDDLE, View, object, open, supporting_plane};
 use super::strata::{Shape, Shapes};
 
-/// Objects that may stand between a light and a surface, at most; where there are more, it is left open.
-const MOST: usize = 48;
-
 /// Of a sheet of more triangles than this, the edges of shadows are not told apart.
-const APART: usize = 2;
+pub(super) const APART: usize = 2;
+/// Triangles are looked at together where their inverse distances differ by such factors at most.
+const TOGETHER: f64 = 1.2;
 
 /// A surface that is seen in all points of some pixels.
 #[derive(Clone, Copy, Debug)]
@@ -23,17 +22,42 @@ pub(super) struct Receiver {
     pub(super) id: u32,
     pub(super) pixels: Pixels,
     pub(super) depth: Depth,
+    /// Whether the edges of shadows on it are worth telling apart.
+    pub(super) apart: bool,
 }
 
-/// Surfaces that are looked at together: one, or a sheet of triangles.
+/// Surfaces that are looked at together: one, or triangles about as far away.
 pub(super) struct Group {
     pub(super) receivers: Vec<Receiver>,
     pub(super) pixels: Pixels,
+    /// Whether it is of triangles, and their least and greatest inverse distance.
+    pub(super) triangles: bool,
+    pub(super) range: (f64, f64),
 }
 
 impl Group {
-    pub(super) fn of(receiver: Receiver) -> Self {
-        Self { pixels: receiver.pixels, receivers: vec![receiver] }
+    /// Adds a surface to the groups: to one of triangles, if it is one, or as a group of its own.
+    #[inline(always)]
+    pub(super) fn add(groups: &mut Vec<Self>, tile: &Tile, receiver: Receiver, triangle: bool) {
+        let (mut lo, mut hi) = (f64::INFINITY, 0.0f64);
+        if triangle {
+            for j in (0..8).filter(|j| receiver.pixels >> (8 * j) & 0xff != 0) {
+                let (l, h) = receiver.depth.row(tile, j);
+                for k in (0..8).filter(|k| receiver.pixels >> (8 * j + k) & 1 == 1) {
+                    (lo, hi) = (lo.min(l[k]), hi.max(h[k]));
+                }
+            }
+            for group in groups.iter_mut().filter(|g| g.triangles) {
+                let range = (lo.min(group.range.0), hi.max(group.range.1));
+                if range.1 < TOGETHER * range.0 {
+                    group.receivers.push(receiver);
+                    (group.pixels, group.range) = (group.pixels | receiver.pixels, range);
+                    return;
+                }
+            }
+        }
+        let pixels = receiver.pixels;
+        groups.push(Self { receivers: vec![receiver], pixels, triangles: triangle, range: (lo, hi) });
     }
 }
 
@@ -81,7 +105,7 @@ impl View<'_> {
             if !(near > 0.0 && bends * wide * wide < MIDDLE * self.tolerance * near * near) {
                 open(doubt, group.pixels, bends);
             }
-            if !gather(&self.tracer.prepared().boxes, &shaft, MOST, &mut found) {
+            if !gather(&self.tracer.prepared().boxes, &shaft, self.most, &mut found) {
                 for s in surfaces.iter().filter(|s| facing(s)) {
                     open(doubt, s.receiver.pixels, s.albedo);
                 }
@@ -96,7 +120,7 @@ impl View<'_> {
             for s in surfaces.iter().filter(|s| facing(s)) {
                 if let Between::Some(ids) = self.between(s, &hull, light, &blockers) {
                     let pixels = match s.flat {
-                        Some(flat) if surfaces.len() <= APART => self.edges(&s.receiver, flat, light, &ids, shapes),
+                        Some(flat) if s.receiver.apart => self.edges(&s.receiver, flat, light, &ids, shapes),
                         _ => s.receiver.pixels,
                     };
                     open(doubt, pixels, s.albedo);

@@ -16,8 +16,12 @@ const PARTS: usize = 6;
 const LARGE: f64 = 0.12;
 /// Smaller ones are no more than a point of the plane.
 const SMALL: f64 = 1e-8;
-/// Balls of a smaller area, in pixels, are sampled by points of their own.
+/// Balls of a smaller area, in pixels, are sampled by points of their own where no others are near; among others,
+/// where points might miss them.
 const BALL: f64 = 4.0;
+const BALL_AMONG_OTHERS: f64 = 0.5;
+/// Balls in a tile at most that are alone.
+const ALONE: usize = 2;
 
 /// A place in a pixel: 0 to 1 from the left and from below.
 pub(crate) type Place = [f64; 2];
@@ -40,12 +44,21 @@ pub(crate) struct Polygon {
     corners: Vec<Place>,
     /// Areas of the triangles from the first corner, added up.
     areas: Vec<f64>,
-    ball: bool,
+    ball: Option<Ball>,
+}
+
+/// What a polygon is a part of that is around a ball.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ball {
+    /// The area of all of it, in pixels.
+    pub(crate) area: f64,
+    /// Whether no others are near.
+    pub(crate) alone: bool,
 }
 
 impl Polygon {
     fn pixel() -> Self {
-        Self { corners: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], areas: Vec::new(), ball: false }
+        Self { corners: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], areas: Vec::new(), ball: None }
     }
 
     /// The part of it where a + b·x + c·y ≥ 0.
@@ -67,8 +80,8 @@ impl Polygon {
         Self { corners, areas: Vec::new(), ball: self.ball }
     }
 
-    /// Whether it is around a ball.
-    pub(crate) fn is_ball(&self) -> bool {
+    /// The ball that it is around, if it is around one.
+    pub(crate) fn ball(&self) -> Option<Ball> {
         self.ball
     }
 
@@ -123,6 +136,8 @@ impl Polygon {
 pub(crate) fn parts(shapes: &Shapes, index: u32, (x, y): (f64, f64)) -> Vec<Polygon> {
     let mut edges: Vec<[f64; 3]> = Vec::new();
     let mut parts: Vec<Polygon> = Vec::new();
+    let alone = shapes.iter().filter(|(_, shape)| matches!(shape, Shape::Oval(..))).count() <= ALONE;
+    let most = if alone { BALL } else { BALL_AMONG_OTHERS };
     for (_, shape) in shapes.iter().filter(|(pixels, _)| pixels >> index & 1 == 1) {
         match shape {
             Shape::Edge(e) => {
@@ -144,8 +159,8 @@ pub(crate) fn parts(shapes: &Shapes, index: u32, (x, y): (f64, f64)) -> Vec<Poly
             Shape::Oval(middle, p, q) => {
                 let unit = f64::from(UNIT);
                 let area = std::f64::consts::PI * (p[0] * q[1] - p[1] * q[0]).abs() / (unit * unit);
-                if area < BALL && area > SMALL {
-                    let polygon = oval(*middle, *p, *q, (x, y)).measured();
+                if area < most && area > SMALL {
+                    let polygon = oval(*middle, *p, *q, (x, y), alone).measured();
                     if polygon.area() > SMALL {
                         parts.push(polygon);
                     }
@@ -178,7 +193,7 @@ pub(crate) fn parts(shapes: &Shapes, index: u32, (x, y): (f64, f64)) -> Vec<Poly
 }
 
 /// An octagon around a ball's outline, as far as it lies in the pixel.
-fn oval(middle: [f64; 2], p: [f64; 2], q: [f64; 2], (x, y): (f64, f64)) -> Polygon {
+fn oval(middle: [f64; 2], p: [f64; 2], q: [f64; 2], (x, y): (f64, f64), alone: bool) -> Polygon {
     let unit = f64::from(UNIT);
     let long = 1.0 / (std::f64::consts::PI / 8.0).cos() * (1.0 + 1e-9);
     let corners: Vec<Place> = (0..8)
@@ -190,7 +205,8 @@ fn oval(middle: [f64; 2], p: [f64; 2], q: [f64; 2], (x, y): (f64, f64)) -> Polyg
             [(at(0) - (x - HALF)) / unit, (at(1) - (y - HALF)) / unit]
         })
         .collect();
-    let all = Polygon { corners, areas: Vec::new(), ball: true };
+    let mut all = Polygon { corners, ..Polygon::default() }.measured();
+    all.ball = Some(Ball { area: all.area(), alone });
     all.clip([0.0, 1.0, 0.0]).clip([1.0, -1.0, 0.0]).clip([0.0, 0.0, 1.0]).clip([1.0, 0.0, -1.0])
 }
 
