@@ -14,6 +14,8 @@ const BALL: u32 = 64;
 const REST: u32 = 16;
 /// κ of a ball among others, as long as nothing else is known.
 const SHADED: f64 = 0.05;
+/// Where the samples of a part are alike, they are thought to vary by this share of what they do around the pixel.
+const ALIKE: f64 = 0.1;
 /// Between the sets of two parts.
 const SETS: u64 = 16;
 
@@ -44,7 +46,8 @@ impl Part {
 
 impl Composite {
     pub(crate) fn new(at: (u32, u32), set: u64, polygons: Vec<Polygon>, doubt: f64) -> Self {
-        let part = |polygon| Part { polygon, mean: Pixel::default(), own: 0 };
+        // What may hide in the pixel may hide in its parts, too.
+        let part = |polygon| Part { polygon, mean: Pixel::doubted(doubt), own: 0 };
         let parts = polygons.into_iter().map(part).collect();
         Self { at, set, parts, rest: Pixel::doubted(doubt), around: 0.0 }
     }
@@ -128,7 +131,8 @@ impl Composite {
                 part.mean.add(these.len() as u32, own.into_iter());
             }
             if first {
-                part.mean.expect_alone();
+                // Few samples may be alike by chance.
+                part.mean.expect(part.mean.variance().max(ALIKE * self.around));
             }
         }
         let sequence = self.sequence(view, 0);

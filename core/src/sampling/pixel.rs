@@ -183,11 +183,6 @@ impl Pixel {
         self.weight = 3.0;
     }
 
-    /// What is thought of it by its own samples alone.
-    pub(crate) fn expect_alone(&mut self) {
-        self.expect(self.variance());
-    }
-
     /// Its mean's expected squared error.
     pub(crate) fn error(&self) -> f64 {
         let n = f64::from(self.points.max(1));
