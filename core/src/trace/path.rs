@@ -126,7 +126,7 @@ impl Tracer {
             }
             counts.mirror += 1;
             ray = match &refined {
-                Some(refined) => Ray::new(place.p, V3::splat(refined.mirrored), place.ep, 4.0 * U),
+                Some(refined) => Ray::new(place.p, V3::splat(refined.mirrored), place.ep, refined.turn),
                 None => shade::reflect(&ray, &place),
             };
             trail.push(decision);

@@ -2,6 +2,7 @@
 //! which the arbiter must choose.
 
 use super::arbiter::Decision;
+use super::coplanar::FlatPlane;
 use super::prepared::PreparedScene;
 use crate::bvh::{Boxes, Coordinate, Link, WIDTH, Wide};
 use crate::geometry::local::surface_and_order;
@@ -245,16 +246,26 @@ impl PreparedScene {
     /// Drops what lies in one plane with something that is surely met and comes first in the document: both are
     /// met at one distance, if they are.
     pub(super) fn drop_covered<R: Scalar>(&self, found: &mut Vec<(ObjectId, Span<R>)>) {
-        let order = |id| surface_and_order(&self.scene, id).1;
-        for i in (0..found.len()).rev() {
-            let (id, _) = found[i];
-            let covers = |&(other, span): &(ObjectId, Span<R>)| {
-                span.sure && other != id && order(other) < order(id) && self.are_coplanar(other, id)
-            };
-            if found.iter().any(covers) {
-                found.swap_remove(i);
-            }
+        if found.len() < 2 || !found.iter().any(|(_, span)| span.sure) {
+            return;
         }
+        found.sort_unstable_by_key(|(id, _)| surface_and_order(&self.scene, *id).1);
+        // What comes before all that is sure is not covered.
+        let first = found.iter().position(|(_, span)| span.sure).unwrap_or(0);
+        let mut planes: Vec<u32> = Vec::new();
+        let mut at = 0;
+        found.retain(|&(id, span)| {
+            at += 1;
+            if at <= first {
+                return true;
+            }
+            let Some(plane) = self.plane_of(id).map(FlatPlane::number) else { return true };
+            let covered = planes.contains(&plane);
+            if span.sure && !covered {
+                planes.push(plane);
+            }
+            !covered
+        });
     }
 
     /// Whether anything meets the open segment from `ray.o`, on `from`, to `ray.o + ray.d`, the place of the
