@@ -8,7 +8,7 @@ use super::court::{Case, Court, Refined};
 use super::query::{Closest, Occluded, Scratch};
 use super::shade::{self, Place};
 use super::texture;
-use super::{RayCounts, Refinement, Sample, Tracer};
+use super::{PreparedScene, RayCounts, Refinement, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
@@ -138,14 +138,20 @@ impl Tracer {
 
     /// Where `ray` meets what it is known to meet, in f64.
     fn place(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> Place {
-        let local = &self.prepared.local;
+        let PreparedScene { local, giants, .. } = &*self.prepared;
         match kind(&self.prepared.scene, decision.id) {
             Kind::Plane(i) => shade::on_plane(ray, &local.planes[i]),
-            Kind::Triangle(i) => shade::on_triangle(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
+            Kind::Triangle(i) => match giants.triangle(decision.id.0) {
+                Some(giant) => shade::on_plane(ray, &giant.plane),
+                None => shade::on_triangle(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
+            },
             Kind::Sphere(i) => {
                 let flag = |b: bool| if b { 1.0 } else { 0.0 };
-                let own = from.is_some_and(|f| f.id == decision.id);
-                shade::on_sphere(ray, &local.spheres[i], flag(decision.inside), flag(own))
+                let (inner, own) = (flag(decision.inside), flag(from.is_some_and(|f| f.id == decision.id)));
+                match giants.sphere(decision.id.0) {
+                    Some(giant) => shade::on_giant_sphere(ray, giant, inner, own),
+                    None => shade::on_sphere(ray, &local.spheres[i], inner, own),
+                }
             }
         }
     }

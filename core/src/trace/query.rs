@@ -6,7 +6,7 @@ use super::coplanar::FlatPlane;
 use super::prepared::PreparedScene;
 use crate::bvh::{Boxes, Coordinate, Link, WIDTH, Wide};
 use crate::geometry::local::surface_and_order;
-use crate::geometry::{ObjectId, Ray, Scalar, Span, TINY, U, plane, sphere, triangle};
+use crate::geometry::{ObjectId, Ray, Scalar, Span, TINY, U, giant, plane, sphere, triangle};
 use crate::scene::SurfaceId;
 
 /// What is met first.
@@ -110,14 +110,23 @@ impl PreparedScene {
         }
         if i < planes + spheres {
             let s = &self.local.spheres[i - planes];
-            return match own {
-                None => sphere::test(ray, s),
-                Some(f) if f.inside => sphere::test_from_inside(ray, s),
-                Some(_) => None,
+            let giant = self.giants.sphere(id.0);
+            return match (own, giant) {
+                (Some(f), _) if !f.inside => None,
+                (Some(_), Some(giant)) => giant::test_sphere_from_inside(ray, giant),
+                (Some(_), None) => sphere::test_from_inside(ray, s),
+                (None, Some(giant)) => giant::test_sphere(ray, giant)
+                    .and_then(|span| if span.sure { Some(span) } else { sphere::test(ray, s) }),
+                (None, None) => sphere::test(ray, s),
             };
         }
         if own.is_some() {
             return None;
+        }
+        if let Some(giant) = self.giants.triangle(id.0)
+            && let Ok(span) = giant::test_triangle(ray, giant)
+        {
+            return span;
         }
         triangle::test(ray, &self.local.triangle(&self.scene.triangles()[i - planes - spheres]))
     }

@@ -13,8 +13,11 @@
 
 mod alone;
 mod beam;
+mod giant;
 mod leaf;
 mod meet;
+#[cfg(test)]
+mod tests;
 mod ties;
 mod walk;
 

@@ -63,7 +63,7 @@ impl Stage<'_> {
         ((eo + turn * (far + s(self.filter.reach))) * s(1.1)).store(&mut packet.pad);
         // Squares of lengths that f32 holds to its full precision.
         let dd = d.x * d.x + d.y * d.y + d.z * d.z;
-        far.lt(s(FAR as f32)) & s(1e-30).lt(dd) & dd.lt(s(1e30))
+        far.lt(s(FAR as f32)) & s(1e-36).lt(dd) & dd.lt(s(1e30))
     }
 
     /// Walks with the packet of the rays from `at` on, of `n`; gives its lanes, and those that f32 can
