@@ -37,12 +37,8 @@ impl DoublePath {
         let mirrored = shade::reflect(&self.ray, &place);
         let p = place.p.to_f64();
         let bound = |e: DoubleDouble| e.hi * (1.0 + 1e-9);
-        let rounded = Place {
-            p,
-            ep: bound(place.ep) + 2.0 * U * p.norm1(),
-            n: place.n.to_f64(),
-            en: bound(place.en) + 2.0 * U,
-        };
+        let rounded =
+            Place { p, ep: bound(place.ep) + 2.0 * U * p.norm1(), n: place.n.to_f64(), en: bound(place.en) + 2.0 * U };
         let turn = bound(mirrored.ed) + 2.0 * U;
         Some(Refined { place: rounded, mirrored: mirrored.d.to_f64().to_dvec3(), turn, hit: None })
     }

@@ -5,8 +5,8 @@
 
 use super::giants::Giants;
 use super::packet::{Leaves, U32};
-use crate::geometry::giant::{GiantSphere, GiantTriangle};
 use crate::bvh::{Boxes, Coordinate};
+use crate::geometry::giant::{GiantSphere, GiantTriangle};
 use crate::geometry::{Local, U, V3};
 use crate::scene::Scene;
 
@@ -134,7 +134,8 @@ impl Filter {
         let first_triangle = first + scene.spheres().len() as u32;
         // Which giants f32 holds: of others nothing is sure in leaves.
         let normal = |x: f32| x.abs() > 1e-30 && x.abs() < 1e30;
-        let spheres: Vec<_> = giants.spheres.iter().map(FlatSphere::new).filter(|s| normal(s.q) && normal(s.k)).collect();
+        let spheres: Vec<_> =
+            giants.spheres.iter().map(FlatSphere::new).filter(|s| normal(s.q) && normal(s.k)).collect();
         let fits = |t: &FlatTriangle| normal(t.plane.h) && t.slope < 1e25 && t.terms < 1e25;
         let triangles: Vec<_> = giants.triangles.iter().map(FlatTriangle::new).filter(fits).collect();
         let triangle = |id| {

@@ -76,16 +76,17 @@ impl Giants {
         giants
     }
 
+    /// The sphere of this id, if it is a giant.
     pub(crate) fn sphere(&self, id: u32) -> Option<&GiantSphere> {
         let at = self.spheres.binary_search_by_key(&id, |(id, _)| *id).ok()?;
         Some(&self.spheres[at].1)
     }
 
+    /// The triangle of this id, if it is a giant.
     pub(crate) fn triangle(&self, id: u32) -> Option<&GiantTriangle> {
         let at = self.triangles.binary_search_by_key(&id, |(id, _)| *id).ok()?;
         Some(&self.triangles[at].1)
     }
-
 }
 
 /// `x` to the nearest f64, `None` where its digits may be lost beside `terms` or it is beyond f64's normal numbers.

@@ -8,7 +8,7 @@ use super::court::{Case, Court, Refined};
 use super::query::{Closest, Occluded, Scratch};
 use super::shade::{self, Place};
 use super::texture;
-use super::{PreparedScene, RayCounts, Refinement, Sample, Tracer};
+use super::{RayCounts, Refinement, Sample, Tracer};
 use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
@@ -59,7 +59,10 @@ impl Tracer {
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
             let goes_on = material.reflect * throughput - least > 0.0 && depth < self.settings.max_depth;
-            let too_wide = refines && self.too_wide(&place, throughput);
+            let mut too_wide = refines && self.too_wide(&place, throughput);
+            if too_wide && let Some(better) = self.giant_place(&ray, decision, from, throughput) {
+                (place, too_wide) = (better, false);
+            }
             if !refines && self.too_wide(&place, throughput) {
                 place = place.taken_as_it_is();
                 ray.ed = 4.0 * U;
@@ -138,22 +141,39 @@ impl Tracer {
 
     /// Where `ray` meets what it is known to meet, in f64.
     fn place(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> Place {
-        let PreparedScene { local, giants, .. } = &*self.prepared;
+        let local = &self.prepared.local;
         match kind(&self.prepared.scene, decision.id) {
             Kind::Plane(i) => shade::on_plane(ray, &local.planes[i]),
-            Kind::Triangle(i) => match giants.triangle(decision.id.0) {
-                Some(giant) => shade::on_plane(ray, &giant.plane),
-                None => shade::on_triangle(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
-            },
+            Kind::Triangle(i) => shade::on_triangle(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
             Kind::Sphere(i) => {
                 let flag = |b: bool| if b { 1.0 } else { 0.0 };
-                let (inner, own) = (flag(decision.inside), flag(from.is_some_and(|f| f.id == decision.id)));
-                match giants.sphere(decision.id.0) {
-                    Some(giant) => shade::on_giant_sphere(ray, giant, inner, own),
-                    None => shade::on_sphere(ray, &local.spheres[i], inner, own),
-                }
+                let own = from.is_some_and(|f| f.id == decision.id);
+                shade::on_sphere(ray, &local.spheres[i], flag(decision.inside), flag(own))
             }
         }
+    }
+
+    /// Where `ray` meets a giant that is not pictured, as it is described around the eye: if that is right to nearly
+    /// the last digits, as what else would be asked for this place is.
+    pub(super) fn giant_place(
+        &self,
+        ray: &Ray,
+        met: Decision,
+        from: Option<Decision>,
+        throughput: f64,
+    ) -> Option<Place> {
+        let giants = &self.prepared.giants;
+        let flag = |b: bool| if b { 1.0 } else { 0.0 };
+        let place = match (giants.triangle(met.id.0), giants.sphere(met.id.0)) {
+            (Some(giant), _) => shade::on_plane(ray, &giant.plane),
+            (None, Some(giant)) => {
+                let own = from.is_some_and(|f| f.id == met.id);
+                shade::on_giant_sphere(ray, giant, flag(met.inside), flag(own))
+            }
+            (None, None) => return None,
+        };
+        let tight = place.ep <= 256.0 * U * place.p.norm1() && place.en <= 256.0 * U;
+        (tight && !self.is_pictured(met.id.0) && !self.too_wide(&place, throughput)).then_some(place)
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.

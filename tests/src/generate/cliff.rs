@@ -74,9 +74,11 @@ fn lamp(height: f64) -> Document {
 /// So many posters on a wall, each so far before the last.
 fn posters(count: u32, gap: f64) -> Document {
     let mut r = Random::new(37);
-    let mut d = Document::new(dvec3(0.0, 2.0, -6.0), dvec3(0.0, 2.0, 0.0))
-        .with_background(0.1, 0.2, 0.4)
-        .plane(-DVec3::Z, 0.0, Look::new(0.8, 0.8, 0.7, 0.8, 0.0));
+    let mut d = Document::new(dvec3(0.0, 2.0, -6.0), dvec3(0.0, 2.0, 0.0)).with_background(0.1, 0.2, 0.4).plane(
+        -DVec3::Z,
+        0.0,
+        Look::new(0.8, 0.8, 0.7, 0.8, 0.0),
+    );
     for i in 0..count {
         let (x, y, w) = (r.between(-4.0, 3.0), r.between(0.0, 3.5), r.between(0.2, 1.2));
         let z = -gap * f64::from(i + 1);
@@ -144,9 +146,11 @@ fn strips(long: f64) -> Document {
 fn planet() -> Document {
     let radius: f64 = 6e6;
     let mut r = Random::new(35);
-    let mut d = Document::new(dvec3(0.0, 1.7, -20.0), dvec3(0.0, 1.5, 0.0))
-        .with_background(0.5, 0.7, 0.9)
-        .sphere(dvec3(0.0, -radius, 0.0), radius, Look::new(0.5, 0.6, 0.4, 0.9, 0.1));
+    let mut d = Document::new(dvec3(0.0, 1.7, -20.0), dvec3(0.0, 1.5, 0.0)).with_background(0.5, 0.7, 0.9).sphere(
+        dvec3(0.0, -radius, 0.0),
+        radius,
+        Look::new(0.5, 0.6, 0.4, 0.9, 0.1),
+    );
     for _ in 0..2000 {
         let (x, z, k) = (r.between(-30.0, 30.0), r.between(-15.0, 60.0), r.between(0.1, 0.6));
         let y = -radius + ((radius + k) * (radius + k) - x * x - z * z).sqrt();

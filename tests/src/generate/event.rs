@@ -291,7 +291,8 @@ fn giants(r: &mut Random) -> Document {
 }
 
 fn layers(r: &mut Random) -> Document {
-    let n = [DVec3::Y, DVec3::Z, dvec3(3.0, 4.0, 0.0), dvec3(1.0, 2.0, -2.0), dvec3(1.0, 1.0, 1.0)][r.below(5) as usize];
+    let n =
+        [DVec3::Y, DVec3::Z, dvec3(3.0, 4.0, 0.0), dvec3(1.0, 2.0, -2.0), dvec3(1.0, 1.0, 1.0)][r.below(5) as usize];
     let at = lattice(r, 2);
     let inside = |r: &mut Random| at + across(r, n) * 0.5 + across(r, n) * 0.25;
     let eye = if r.one_in(6) { inside(r) } else { at + dvec3(0.5, 3.0, -6.0) };

@@ -75,11 +75,5 @@ pub(super) fn meet_giant_sphere<F: Floats>(r: &Ray<F>, g: &FlatSphere, ed: F, ma
     let et = eby_sum.select(by_sums, eproduct);
     let (lo, hi) = (t - et, t + et);
     let sure = (ahead | inside) & zero.lt(lo) & hi.lt(s(f32::INFINITY));
-    Meeting {
-        may: mask & !passes,
-        sure,
-        lo: lo.select(sure, zero),
-        hi: hi.select(sure, s(f32::INFINITY)),
-        inside,
-    }
+    Meeting { may: mask & !passes, sure, lo: lo.select(sure, zero), hi: hi.select(sure, s(f32::INFINITY)), inside }
 }

@@ -45,7 +45,13 @@ impl Kernel for &Case {
             ("giant sphere", meet_giant_sphere(&ray, &around, ed, all)),
         ];
         let [a, b, c, d, e] = meetings;
-        [(a.0, a.1.may, a.1.sure), (b.0, b.1.may, b.1.sure), (c.0, c.1.may, c.1.sure), (d.0, d.1.may, d.1.sure), (e.0, e.1.may, e.1.sure)]
+        [
+            (a.0, a.1.may, a.1.sure),
+            (b.0, b.1.may, b.1.sure),
+            (c.0, c.1.may, c.1.sure),
+            (d.0, d.1.may, d.1.sure),
+            (e.0, e.1.may, e.1.sure),
+        ]
     }
     fn run_scalar(self) -> Self::Output {
         [("", Mask::MAX, 0); 5]
@@ -63,20 +69,22 @@ fn number() -> impl Strategy<Value = f32> {
 fn case() -> impl Strategy<Value = Case> {
     let rays = prop::array::uniform9(prop::array::uniform16(number()));
     // The first four numbers are ones that every kind of object has.
-    (rays, prop::array::uniform15(number()), 0usize..10, 0usize..LANES).prop_map(|(mut rays, mut object, which, lane)| {
-        let spoilt = match which {
-            // Where a direction leads, and where it begins.
-            0..6 => {
-                rays[which][lane] = f32::NAN;
-                1 << lane
-            }
-            _ => {
-                object[which - 6] = f32::NAN;
-                Mask::MAX
-            }
-        };
-        Case { rays, object, spoilt }
-    })
+    (rays, prop::array::uniform15(number()), 0usize..10, 0usize..LANES).prop_map(
+        |(mut rays, mut object, which, lane)| {
+            let spoilt = match which {
+                // Where a direction leads, and where it begins.
+                0..6 => {
+                    rays[which][lane] = f32::NAN;
+                    1 << lane
+                }
+                _ => {
+                    object[which - 6] = f32::NAN;
+                    Mask::MAX
+                }
+            };
+            Case { rays, object, spoilt }
+        },
+    )
 }
 
 proptest! {

@@ -37,7 +37,9 @@ impl<'a> Ties<'a> {
         }
         let own = self.own;
         let starts = self.starts.get_or_insert_with(|| {
-            own.map(|own| if own == NONE { 0 } else { coplanar.known(ObjectId(own & !INSIDE)).map_or(0, |p| p.number()) })
+            own.map(
+                |own| if own == NONE { 0 } else { coplanar.known(ObjectId(own & !INSIDE)).map_or(0, |p| p.number()) },
+            )
         });
         for k in 0..LANES {
             let starts_there = starts[k] == plane.number() || own[k] == NONE && plane.holds_eye();

@@ -179,6 +179,10 @@ impl Paths<'_> {
             places.set(i, &places.one(i).taken_as_it_is());
             return;
         }
+        if let Some(place) = tracer.giant_place(&rays.one(i), met, Decision::of(rays.own[i]), rays.throughput[i]) {
+            places.set(i, &place);
+            return;
+        }
         let goes_on =
             places.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
         let throughput = rays.throughput[i];

@@ -5,7 +5,6 @@ use glam::DVec3;
 use super::lanes::{Eight, Places, Rays, eight_at_mut, load, three};
 use super::paths::Paths;
 use super::{Kinds, Stage};
-use crate::geometry::giant::GiantSphere;
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
@@ -47,19 +46,13 @@ impl Stage<'_> {
                 inner[k] = if met[k] & INSIDE != 0 { 1.0 } else { 0.0 };
                 same[k] = if own[k] != NONE && (met[k] ^ own[k]) & !INSIDE == 0 { 1.0 } else { 0.0 };
             }
-            let mut place = self.spheres::<S>(&rays.pick::<S>(&at), &ids, &inner, &same);
-            if !self.tracer.prepared.giants.spheres.is_empty() {
-                place = self.giant_spheres::<S>(&rays.pick::<S>(&at), &ids, &inner, &same, place);
-            }
+            let place = self.spheres::<S>(&rays.pick::<S>(&at), &ids, &inner, &same);
             self.put::<S>(rays, places, &at, &ids, &place);
         }
         for at in (0..kinds.counts[2]).step_by(8) {
             let at = Eight::of(&kinds.lists[2], at, kinds.counts[2]);
             let ids = at.take(&places.met);
-            let mut place = self.triangles::<S>(&rays.pick::<S>(&at), &ids);
-            if !self.tracer.prepared.giants.triangles.is_empty() {
-                place = self.giant_triangles::<S>(&rays.pick::<S>(&at), &ids, place);
-            }
+            let place = self.triangles::<S>(&rays.pick::<S>(&at), &ids);
             self.put::<S>(rays, places, &at, &ids, &place);
         }
         for &i in &kinds.lists[3][..kinds.counts[3]] {
@@ -169,48 +162,6 @@ impl Stage<'_> {
         shade::on_triangle(ray, &LocalTriangle { v })
     }
 
-    /// `place` where ids are not those of giants, and where giants are met elsewhere.
-    #[inline(always)]
-    fn giant_spheres<S: Simd>(
-        &self,
-        ray: &Ray<S::Double>,
-        ids: &[u32; 8],
-        inner: &[f64; 8],
-        own: &[f64; 8],
-        place: Place<S::Double>,
-    ) -> Place<S::Double> {
-        let (mut lanes, mut giants) = ([[0.0; 8]; 5], [0.0; 8]);
-        for k in 0..8 {
-            if let Some(s) = self.tracer.prepared.giants.sphere(ids[k]) {
-                (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k], lanes[4][k]) = (s.m.x, s.m.y, s.m.z, s.q, s.k);
-                giants[k] = 1.0;
-            }
-        }
-        let sphere =
-            GiantSphere { m: three::<S>(&lanes, 0), q: S::Double::load(&lanes[3]), k: S::Double::load(&lanes[4]) };
-        let met = shade::on_giant_sphere(ray, &sphere, S::Double::load(inner), S::Double::load(own));
-        either::<S>(&giants, met, place)
-    }
-
-    #[inline(always)]
-    fn giant_triangles<S: Simd>(
-        &self,
-        ray: &Ray<S::Double>,
-        ids: &[u32; 8],
-        place: Place<S::Double>,
-    ) -> Place<S::Double> {
-        let (mut lanes, mut giants) = ([[0.0; 8]; 4], [0.0; 8]);
-        for k in 0..8 {
-            if let Some(t) = self.tracer.prepared.giants.triangle(ids[k]) {
-                let p = &t.plane;
-                (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k]) = (p.n.x, p.n.y, p.n.z, p.h);
-                giants[k] = 1.0;
-            }
-        }
-        let met = shade::on_plane(ray, &LocalPlane { n: three::<S>(&lanes, 0), h: S::Double::load(&lanes[3]) });
-        either::<S>(&giants, met, place)
-    }
-
     /// The picture's colour where ray `i` met it, `None` where f64 does not place it well enough.
     #[inline(never)]
     fn pictured(&self, rays: &Rays, places: &Places, i: usize, picture: PictureId) -> Option<DVec3> {
@@ -273,18 +224,6 @@ impl Stage<'_> {
             next.count += more;
         }
         paths.count_mirrors(next);
-    }
-}
-
-/// Where `which` > 0 the first, else the second.
-#[inline(always)]
-fn either<S: Simd>(which: &[f64; 8], a: Place<S::Double>, b: Place<S::Double>) -> Place<S::Double> {
-    let which = S::Double::load(which);
-    Place {
-        p: V3::if_positive(which, a.p, b.p),
-        ep: which.if_positive(a.ep, b.ep),
-        n: V3::if_positive(which, a.n, b.n),
-        en: which.if_positive(a.en, b.en),
     }
 }
 

@@ -117,11 +117,13 @@ fn shape() -> impl Strategy<Value = Shape> {
             let away = if sky { r - high } else { r + high };
             Shape::Sphere(up.normalize_or(DVec3::Y) * -away, r)
         }),
-        (vector(), vector(), vector(), 2i32..16, -2.0..2.0f64, any::<bool>()).prop_map(|(a, along, off, e, t, turned)| {
-            let long = along * 10f64.powi(e);
-            let corners = [a - long, a + long * t.abs(), a + long * t + off];
-            Shape::Triangle(if turned { [corners[2], corners[1], corners[0]] } else { corners })
-        }),
+        (vector(), vector(), vector(), 2i32..16, -2.0..2.0f64, any::<bool>()).prop_map(
+            |(a, along, off, e, t, turned)| {
+                let long = along * 10f64.powi(e);
+                let corners = [a - long, a + long * t.abs(), a + long * t + off];
+                Shape::Triangle(if turned { [corners[2], corners[1], corners[0]] } else { corners })
+            }
+        ),
     ]
 }
 
