@@ -7,9 +7,8 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::hint::black_box;
 use std::path::Path;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 use std::sync::Arc;
 
 use tessera_core::film::Region;
@@ -17,18 +16,13 @@ use tessera_core::settings::{Sampling, Settings, Transfer, View};
 use tessera_core::simd::Level;
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_core::xml::{ReadOptions, read_bytes};
+use tessera_tests::callgrind::{alone, count, level};
 use tessera_tests::generate::{self, Document};
 
 /// Counts may be this much above what is on record.
 const TOLERANCE: f64 = 0.10;
 
 const KERNELS: [&str; 7] = ["build", "demo", "lights", "mirrors", "read", "sphereflake", "terrain"];
-
-/// What callgrind counts: only what happens in here.
-#[inline(never)]
-fn counted_by_callgrind<T>(work: impl FnOnce() -> T) -> T {
-    black_box(work())
-}
 
 fn tracer(document: &Document) -> Tracer {
     let settings = Settings {
@@ -39,12 +33,6 @@ fn tracer(document: &Document) -> Tracer {
     };
     let scene = Arc::new(document.scene().expect("the scene is valid"));
     Tracer::new(Arc::new(PreparedScene::build(scene)), settings).expect("settings are in range")
-}
-
-/// Runs `work` in a pool of this thread alone, which is the one that is counted.
-fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
-    pool.expect("a pool of one thread").install(|| counted_by_callgrind(work))
 }
 
 fn trace(document: &Document) {
@@ -71,30 +59,6 @@ fn run(kernel: &str) {
         "terrain" => trace(&generate::terrain(32)),
         other => panic!("no kernel '{other}'"),
     }
-}
-
-/// Instructions of `kernel`; what went wrong, if anything did.
-fn count(kernel: &str) -> Result<u64, String> {
-    let this = std::env::current_exe().map_err(|e| e.to_string())?;
-    let output = Command::new("valgrind")
-        .args(["--tool=callgrind", "--callgrind-out-file=/dev/null", "--toggle-collect=*counted_by_callgrind*"])
-        .arg(this)
-        .args(["--kernel", kernel])
-        .output()
-        .map_err(|e| e.to_string())?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    let collected = said.lines().find_map(|l| l.split_once("Collected : ").map(|(_, n)| n.trim().to_owned()));
-    match collected.and_then(|n| n.parse().ok()) {
-        Some(n) if output.status.success() && n > 0 => Ok(n),
-        _ => Err(format!("callgrind did not count '{kernel}':\n{said}")),
-    }
-}
-
-/// The instructions that programs are offered under valgrind.
-fn level() -> Option<String> {
-    let this = std::env::current_exe().ok()?;
-    let output = Command::new("valgrind").args(["--tool=none", "-q"]).arg(this).arg("--level").output().ok()?;
-    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
 fn main() -> ExitCode {

@@ -5,6 +5,7 @@
 //! whose every decision is proven or counted as a tie; [`exact`] answers questions
 //! about a single ray and object in exact arithmetic.
 
+pub mod callgrind;
 pub mod cluster;
 pub mod compare;
 pub mod exact;

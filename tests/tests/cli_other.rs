@@ -1,10 +1,12 @@
 //! `check`, `compare`, `completions` and help.
 
+use glam::DVec3;
 use serde_json::Value;
 use tempfile::tempdir;
 use tessera_core::film::PixelsRef;
 use tessera_core::film::file::{Depth, Output};
 use tessera_core::settings::Transfer;
+use tessera_tests::generate::{Document, Look};
 use tessera_tests::program::{run, scene};
 
 fn json(text: &str) -> Value {
@@ -24,6 +26,40 @@ fn check_describes_a_valid_scene() {
     let value = json(&run(at.path(), ["check", path, "--json"]).out);
     assert_eq!((&value["valid"], &value["errors"]), (&true.into(), &0.into()));
     assert_eq!((&value["scene"]["objects"], &value["scene"]["lights"]), (&18.into(), &2.into()));
+}
+
+/// Equal objects, exact planes and what they hold, a planet: what is decided for a scene is said.
+#[test]
+fn check_says_what_is_decided_for_the_scene() {
+    let at = tempdir().expect("a folder");
+    let (grey, v) = (Look::matte(0.5, 0.5, 0.5), |x: f64, y: f64, z: f64| DVec3::new(x, y, z));
+    let poster = [v(0.0, 0.0, 5.0), v(1.0, 0.0, 5.0), v(0.0, 1.0, 5.0)];
+    let d = Document::new(DVec3::ZERO, DVec3::Z)
+        .plane(DVec3::Z, 5.0, grey)
+        .triangle(poster, grey)
+        .triangle(poster, grey)
+        .sphere(v(0.0, 0.0, 3.0), 0.5, grey)
+        .sphere(v(0.0, 0.0, 3.0), 0.5, grey)
+        .sphere(v(0.0, -6e6 - 1.7, 0.0), 6e6, grey)
+        .plane(DVec3::X, 0.0, grey)
+        .light(2.0, 2.0, 5.0);
+    d.write(at.path(), "made").expect("written");
+    let value = json(&run(at.path(), ["check", "made.xml", "--json"]).out);
+    let condition = &value["condition"];
+    for (name, count) in [
+        ("coinciding_triangles", 1),
+        ("coinciding_spheres", 1),
+        ("shared_planes", 1),
+        ("planes_with_a_light", 1),
+        ("planes_with_the_eye", 1),
+        ("giants", 1),
+    ] {
+        assert_eq!(condition[name], count, "{name} of {value}");
+    }
+    let people = run(at.path(), ["check", "made.xml"]).out;
+    for words in ["left out", "in one exact plane", "with a light in it", "through the eye", "far larger"] {
+        assert!(people.contains(words), "'{words}' is not in: {people}");
+    }
 }
 
 #[test]

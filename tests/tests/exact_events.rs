@@ -90,6 +90,16 @@ fn lattices_of_halves_leave_nothing_unresolved() {
     all_hold(Kind::Lattice);
 }
 
+#[test]
+fn what_is_far_larger_than_what_is_seen_of_it() {
+    all_hold(Kind::Giants);
+}
+
+#[test]
+fn layers_in_one_exact_plane() {
+    all_hold(Kind::Layers);
+}
+
 /// Scenes whose samples once were wrong, with the pictures that a second program made of them.
 #[test]
 fn samples_that_were_wrong_once_are_right() {

@@ -22,6 +22,7 @@ pub(crate) struct ConditionJson {
     objects_in_shared_planes: usize,
     planes_with_a_light: usize,
     planes_with_the_eye: usize,
+    giants: usize,
     near_planes: usize,
     boxes: &'static str,
     outgrown: f64,
@@ -43,6 +44,7 @@ impl From<Condition> for ConditionJson {
             objects_in_shared_planes: c.shared.objects,
             planes_with_a_light: c.shared.lit,
             planes_with_the_eye: c.shared.seen_edge_on,
+            giants: c.giants,
             near_planes: c.near_planes,
             boxes: if c.single_boxes { "f32" } else { "f64" },
             outgrown: c.outgrown,
@@ -83,6 +85,7 @@ impl ConditionJson {
             ),
             (self.planes_with_a_light, "exact plane", "with a light in it: unlit by it, and not in its way"),
             (self.planes_with_the_eye, "exact plane", "through the eye: not seen from there"),
+            (self.giants, "object", "far larger than its distance from the eye: computed with relative to that"),
             (self.near_planes, "plane", "the same as an earlier one, or nearly: the first in the document is seen"),
         ];
         for (n, what, outcome) in odd {

@@ -13,6 +13,7 @@
 
 pub(crate) mod aabb;
 mod double;
+pub(crate) mod giant;
 pub(crate) mod local;
 pub(crate) mod plane;
 pub(crate) mod ray;

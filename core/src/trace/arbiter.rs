@@ -236,6 +236,8 @@ pub(crate) fn closest<const N: usize>(
         let order = surface_and_order(&prepared.scene, id).1;
         let nearer = match &best {
             None => true,
+            // No width tells equal distances behind curved mirrors; that they are equal is known of one plane.
+            Some((b, _, bo)) if prepared.are_coplanar(b.id, id) => order < *bo,
             Some((_, bt, bo)) => match t.compare(bt)? {
                 Ordering::Less => true,
                 Ordering::Equal => order < *bo,

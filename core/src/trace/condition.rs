@@ -25,6 +25,8 @@ pub struct Condition {
     pub coinciding_spheres: usize,
     /// Objects that lie in one exact plane, with one another, a light or the eye.
     pub shared: SharedPlanes,
+    /// Objects far larger than their distance from the eye, which are described around it.
+    pub giants: usize,
     /// Planes that are the same surface as an earlier one, or within 1e-9 of the reach of it.
     pub near_planes: usize,
     /// Whether boxes are kept as f32, and what share of objects would outgrow such boxes.
@@ -73,6 +75,7 @@ impl PreparedScene {
             coinciding: scene.triangles().len() - self.flat - kept[0],
             coinciding_spheres: scene.spheres().len() - kept[1],
             shared: self.shared_planes(),
+            giants: self.giants.spheres.len() + self.giants.triangles.len(),
             near_planes,
             single_boxes: matches!(self.boxes, Boxes::Single(_)),
             outgrown: self.outgrown,

@@ -3,12 +3,14 @@
 //! Where they do, what would take wide numbers for every ray is known for all of them: of two surfaces
 //! in one plane the first in the document is met, a ray that starts in a plane does not meet it, and a segment
 //! that ends in a plane meets it at its end alone. Objects are looked at when something about
-//! them is in doubt, once each. Equal planes have equal residues modulo a prime, by which they are
-//! found; that they are equal is then proven.
+//! them is in doubt, once each. Planes square to an axis are named by it and by where they cross it. Of others,
+//! equal ones have equal residues modulo a prime, by which they are found; that they are equal is then proven.
+
+mod residue;
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use glam::DVec3;
 
@@ -19,6 +21,7 @@ use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Local, ObjectId, V3};
 use crate::precise::{Ball, Balls, Unsure, zero_area};
 use crate::scene::{PlanePosition, Scene};
+use residue::Residue;
 
 /// The plane holds the eye.
 const EYE: u32 = 1 << 30;
@@ -27,12 +30,21 @@ const LIT: u32 = 1 << 31;
 /// One more than the plane's number.
 const NUMBER: u32 = EYE - 1;
 
+/// So many planes that hold lights are told apart from those that hold none; their numbers come first.
+const LIT_PLANES: u32 = 1 << 8;
+
 /// The exact planes that objects were found to lie in.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Coplanar {
     /// What is known of each plane and each triangle; 0 where nothing is.
     facts: Vec<AtomicU32>,
+    /// How many planes there are, and spheres behind them.
+    counts: [u32; 2],
+    /// Whether a plane was found in which several objects lie, or one with the eye or a light.
+    matters: AtomicBool,
     known: Mutex<Known>,
+    /// By their numbers, the lights in planes that hold some, a bit each.
+    lights: Vec<OnceLock<Vec<u64>>>,
     /// By light, the infinite planes that hold it; shorter where there are none.
     planes: Vec<Vec<u32>>,
 }
@@ -41,9 +53,8 @@ pub(crate) struct Coplanar {
 struct Known {
     /// By their residues, the planes' numbers, facts, and an object in each.
     planes: HashMap<[u64; 4], Vec<(u32, ObjectId)>>,
-    count: u32,
-    /// Lights in planes that hold some, a bit each.
-    lights: HashMap<u32, Vec<u64>>,
+    /// Planes without a light, and with some.
+    counts: [u32; 2],
 }
 
 impl Coplanar {
@@ -58,53 +69,108 @@ impl Coplanar {
                 }
             }
         }
-        Self { facts: (0..flat).map(|_| AtomicU32::new(0)).collect(), known: Mutex::default(), planes }
+        Self {
+            facts: (0..flat).map(|_| AtomicU32::new(0)).collect(),
+            counts: [scene.planes().len() as u32, scene.spheres().len() as u32],
+            matters: AtomicBool::new(false),
+            known: Mutex::default(),
+            lights: (0..LIT_PLANES).map(|_| OnceLock::new()).collect(),
+            planes,
+        }
+    }
+
+    fn facts(&self, id: ObjectId) -> Option<&AtomicU32> {
+        let [planes, spheres] = self.counts;
+        match id.0.checked_sub(planes) {
+            None => self.facts.get(id.0 as usize),
+            Some(i) => i.checked_sub(spheres).and_then(|i| self.facts.get((planes + i) as usize)),
+        }
+    }
+
+    /// Whether anything was found yet that [`Self::known`] might tell.
+    pub(crate) fn matters(&self) -> bool {
+        self.matters.load(Ordering::Relaxed)
+    }
+
+    /// The plane of `id`, if that was asked about before.
+    pub(crate) fn known(&self, id: ObjectId) -> Option<FlatPlane> {
+        let facts = self.facts(id)?.load(Ordering::Relaxed);
+        // Of planes beyond all numbers nothing is known.
+        (facts != 0 && facts & NUMBER != NUMBER).then_some(FlatPlane(facts))
+    }
+
+    /// Whether the `light`-th light is in `plane`.
+    pub(crate) fn holds_light(&self, plane: FlatPlane, light: usize) -> bool {
+        plane.0 & LIT != 0
+            && self.lights[(plane.0 & NUMBER) as usize]
+                .get()
+                .is_some_and(|bits| bits[light / 64] >> (light % 64) & 1 == 1)
+    }
+}
+
+/// An exact plane, and what it holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FlatPlane(u32);
+
+impl FlatPlane {
+    /// Its number, never 0.
+    pub(crate) fn number(self) -> u32 {
+        self.0 & NUMBER
+    }
+
+    pub(crate) fn holds_eye(self) -> bool {
+        self.0 & EYE != 0
     }
 }
 
 impl PreparedScene {
-    /// The number of the plane in which `id` lies, and what that plane holds; `None` for spheres.
-    fn plane_of(&self, id: ObjectId) -> Option<u32> {
-        let facts = match kind(&self.scene, id) {
-            Kind::Plane(i) => &self.coplanar.facts[i],
-            Kind::Triangle(i) => &self.coplanar.facts[self.scene.planes().len() + i],
-            Kind::Sphere(_) => return None,
-        };
-        match facts.load(Ordering::Relaxed) {
-            0 => {
-                let found = self.look_at_plane_of(id);
-                facts.store(found, Ordering::Relaxed);
-                Some(found)
-            }
-            known => Some(known),
+    /// The plane in which `id` lies; `None` for spheres.
+    pub(crate) fn plane_of(&self, id: ObjectId) -> Option<FlatPlane> {
+        let facts = self.coplanar.facts(id)?;
+        if facts.load(Ordering::Relaxed) == 0 {
+            facts.store(self.look_at_plane_of(id), Ordering::Relaxed);
         }
+        self.coplanar.known(id)
     }
 
     #[cold]
     fn look_at_plane_of(&self, id: ObjectId) -> u32 {
         let scene = &*self.scene;
-        let key = residues(scene, id);
+        let axial = square_to_axis(scene, id);
+        let key = axial.unwrap_or_else(|| residues(scene, id));
         let mut known = self.coplanar.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let Known { planes, count, lights } = &mut *known;
+        let Known { planes, counts } = &mut *known;
         let same = planes.entry(key).or_default();
-        if let Some((facts, _)) = same.iter().find(|(_, other)| are_coplanar(scene, id, *other)) {
+        let matters = || self.coplanar.matters.store(true, Ordering::Relaxed);
+        if let Some((facts, _)) = same.iter().find(|(_, other)| axial.is_some() || are_coplanar(scene, id, *other)) {
+            matters();
             return *facts;
         }
-        *count = (*count + 1).min(NUMBER);
-        let mut facts = *count;
         let holds = |p: DVec3, local: DVec3| !is_clearly_off(&self.local, scene, id, local) && holds(scene, id, p);
-        if holds(scene.camera().location(), DVec3::ZERO) {
-            facts |= EYE;
-        }
         let mut bits = vec![0u64; scene.lights().len().div_ceil(64)];
+        let mut lit = false;
         for (k, (&light, &local)) in scene.lights().iter().zip(&self.local.lights).enumerate() {
             if holds(light, local) {
                 bits[k / 64] |= 1 << (k % 64);
-                facts |= LIT;
+                lit = true;
             }
         }
-        if facts & LIT != 0 {
-            lights.insert(facts & NUMBER, bits);
+        // Of lit planes beyond their numbers it is not known that they are lit.
+        let lit = lit && counts[1] + 1 < LIT_PLANES;
+        let count = &mut counts[usize::from(lit)];
+        *count = (*count + 1).min(NUMBER - LIT_PLANES);
+        let mut facts = *count;
+        if lit {
+            let _ = self.coplanar.lights[facts as usize].set(bits);
+            facts |= LIT;
+        } else {
+            facts += LIT_PLANES;
+        }
+        if holds(scene.camera().location(), DVec3::ZERO) {
+            facts |= EYE;
+        }
+        if facts & (LIT | EYE) != 0 {
+            matters();
         }
         same.push((facts, id));
         facts
@@ -112,9 +178,7 @@ impl PreparedScene {
 
     /// Whether `a` and `b` lie in one plane.
     pub(crate) fn are_coplanar(&self, a: ObjectId, b: ObjectId) -> bool {
-        let number = |id| self.plane_of(id).map(|facts| facts & NUMBER);
-        // Of planes beyond all numbers nothing is known.
-        number(a).is_some_and(|n| n != NUMBER && number(b) == Some(n))
+        self.plane_of(a).is_some_and(|plane| self.plane_of(b).is_some_and(|o| plane.number() == o.number()))
     }
 
     /// The infinite planes that hold the `light`-th light.
@@ -124,14 +188,12 @@ impl PreparedScene {
 
     /// Whether the eye is in the plane of `id`.
     pub(crate) fn has_eye_in_plane(&self, id: ObjectId) -> bool {
-        self.plane_of(id).is_some_and(|facts| facts & EYE != 0 && facts & NUMBER != NUMBER)
+        self.plane_of(id).is_some_and(FlatPlane::holds_eye)
     }
 
     /// Whether the `light`-th light is in the plane of `id`.
     pub(crate) fn has_light_in_plane(&self, id: ObjectId, light: usize) -> bool {
-        let Some(facts) = self.plane_of(id).filter(|f| f & LIT != 0 && f & NUMBER != NUMBER) else { return false };
-        let known = self.coplanar.known.lock().unwrap_or_else(PoisonError::into_inner);
-        known.lights.get(&(facts & NUMBER)).is_some_and(|bits| bits[light / 64] >> (light % 64) & 1 == 1)
+        self.plane_of(id).is_some_and(|plane| self.coplanar.holds_light(plane, light))
     }
 
     /// Whether a ray that starts on `from`, or at the eye, cannot meet `id` since its start is in that plane.
@@ -167,7 +229,7 @@ impl PreparedScene {
         });
         let ids = (0..scene.planes().len()).chain(triangles.map(|i| first + i));
         let mut planes: HashMap<u32, usize> = HashMap::new();
-        for facts in ids.filter_map(|id| self.plane_of(ObjectId(id as u32))) {
+        for FlatPlane(facts) in ids.filter_map(|id| self.plane_of(ObjectId(id as u32))) {
             *planes.entry(facts).or_default() += 1;
         }
         let mut shared = SharedPlanes::default();
@@ -183,61 +245,26 @@ impl PreparedScene {
     }
 }
 
-/// 2^61 − 1, a prime.
-const PRIME: u64 = (1 << 61) - 1;
-
-/// A number modulo [`PRIME`].
-#[derive(Clone, Copy, PartialEq)]
-struct Residue(u64);
-
-impl Residue {
-    fn new(x: u128) -> Self {
-        let folded = (x & u128::from(PRIME)) + (x >> 61);
-        let folded = (folded & u128::from(PRIME)) as u64 + (folded >> 61) as u64;
-        Self(if folded >= PRIME { folded - PRIME } else { folded })
-    }
-
-    /// Of a binary fraction: 2^61 is 1.
-    fn of(x: f64) -> Self {
-        let bits = x.to_bits();
-        let (biased, fraction) = (((bits >> 52) & 0x7ff) as i64, bits & ((1 << 52) - 1));
-        let (mantissa, power) = if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
-        let magnitude = Self::new(u128::from(mantissa) << power.rem_euclid(61));
-        if x < 0.0 { Self(0) - magnitude } else { magnitude }
-    }
-
-    /// 1 / self, by Fermat's little theorem; 0 of 0.
-    fn inverse(self) -> Self {
-        // The exponent, 2^61 − 3, has all bits but the second.
-        let (mut power, mut result) = (self, self);
-        for k in 1..61 {
-            power = power * power;
-            if k != 1 {
-                result = result * power;
+/// Which axis the plane of `id` is square to, and where it crosses that: a name of its own, that no residues are.
+fn square_to_axis(scene: &Scene, id: ObjectId) -> Option<[u64; 4]> {
+    let name = |axis: usize, at: f64| Some([u64::MAX, axis as u64, (at + 0.0).to_bits(), 0]);
+    match kind(scene, id) {
+        Kind::Plane(i) | Kind::Sphere(i) => {
+            let plane = &scene.planes()[i];
+            let n = plane.normal;
+            let axis = (0..3).find(|&k| (0..3).all(|j| (n[j] == 0.0) == (j != k)))?;
+            match plane.position {
+                PlanePosition::Point(q) => name(axis, q[axis]),
+                PlanePosition::Distance(d) => name(axis, if n[axis] < 0.0 { -d } else { d }),
             }
         }
-        result
-    }
-}
-
-impl std::ops::Add for Residue {
-    type Output = Self;
-    fn add(self, o: Self) -> Self {
-        Self::new(u128::from(self.0) + u128::from(o.0))
-    }
-}
-
-impl std::ops::Sub for Residue {
-    type Output = Self;
-    fn sub(self, o: Self) -> Self {
-        Self::new(u128::from(self.0) + u128::from(PRIME - o.0))
-    }
-}
-
-impl std::ops::Mul for Residue {
-    type Output = Self;
-    fn mul(self, o: Self) -> Self {
-        Self::new(u128::from(self.0) * u128::from(o.0))
+        Kind::Triangle(i) => {
+            let t = &scene.triangles()[i];
+            let [a, b, c] = t.written;
+            let level = |k: usize| if t.by_sides() { b[k] == 0.0 && c[k] == 0.0 } else { a[k] == b[k] && a[k] == c[k] };
+            let axis = (0..3).find(|&k| level(k))?;
+            name(axis, a[axis])
+        }
     }
 }
 
@@ -382,15 +409,6 @@ mod tests {
 
     use super::*;
     use crate::scene::{SceneBuilder, Surface};
-
-    #[test]
-    fn inverses_are_inverses() {
-        for x in [1.0, 2.0, 0.5, -3.0, 1e300, 5e-324, 0.1] {
-            assert!(Residue::of(x) * Residue::of(x).inverse() == Residue(1), "{x}");
-        }
-        assert!(Residue::of(0.75) + Residue::of(0.25) == Residue::of(1.0));
-        assert!(Residue::of(1e10) - Residue::of(1e10) == Residue(0));
-    }
 
     /// Planes by point, by distance and triangles, in any form and at any scale, are one plane where they are.
     #[test]

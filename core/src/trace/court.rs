@@ -8,7 +8,7 @@ use super::double::DoublePath;
 use super::proof::{Point, Proof};
 use super::shade::Place;
 use super::{Tracer, texture};
-use crate::geometry::{ObjectId, V3};
+use crate::geometry::{ObjectId, U, V3};
 use crate::precise::Vector;
 
 /// The path in numbers of one width.
@@ -164,7 +164,7 @@ impl Hit {
         };
         let mirrored = if self.mirrored { hit.mirrored(d)? } else { DVec3::ZERO };
         let place = Place::rounded(V3::splat(p), V3::splat(n));
-        Ok(Refined { place, mirrored, hit: Some(Values { cosines, uv }) })
+        Ok(Refined { place, mirrored, turn: 4.0 * U, hit: Some(Values { cosines, uv }) })
     }
 }
 
@@ -186,6 +186,8 @@ pub(crate) struct Refined {
     pub(crate) place: Place,
     /// The direction mirrored there, where it was asked for; rounded.
     pub(crate) mirrored: DVec3,
+    /// Relative error of that direction.
+    pub(crate) turn: f64,
     /// What is seen there, where the rounded place would not do.
     pub(crate) hit: Option<Values>,
 }
@@ -268,10 +270,10 @@ impl Court {
     pub(crate) fn place(&mut self, case: &Case<'_>, met: Decision, throughput: f64, mirrored: bool) -> Option<Refined> {
         let tracer = case.tracer;
         if !tracer.is_pictured(met.id.0)
-            && let Some((place, mirrored)) = self.double.get_or_insert_with(|| DoublePath::new(case)).place(case, met)
-            && !tracer.too_wide(&place, throughput)
+            && let Some(refined) = self.double.get_or_insert_with(|| DoublePath::new(case)).place(case, met)
+            && !tracer.too_wide(&refined.place, throughput)
         {
-            return Some(Refined { place, mirrored, hit: None });
+            return Some(refined);
         }
         self.ask(case, &Hit { met, mirrored })
     }

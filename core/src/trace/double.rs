@@ -5,10 +5,8 @@
 //! `trace::shade` then give the same place in double-double, at a fraction of what the court
 //! takes; what they cannot bound tightly enough goes there.
 
-use glam::DVec3;
-
 use super::arbiter::Decision;
-use super::court::Case;
+use super::court::{Case, Refined};
 use super::shade::{self, Place};
 use crate::geometry::local::DoubleObject;
 use crate::geometry::{DoubleDouble, ObjectId, Ray, Real, Span, U, plane, sphere, triangle};
@@ -31,19 +29,18 @@ impl DoublePath {
         Self { done: 0, from: None, ray: case.tracer.frame.double_ray(case.point), met: None }
     }
 
-    /// Where the path of `case`, which is this one, meets `met`, right to the last digits of f64, and the
-    /// direction mirrored there.
-    pub(super) fn place(&mut self, case: &Case<'_>, met: Decision) -> Option<(Place, DVec3)> {
+    /// Where the path of `case`, which is this one, meets `met`, and the direction mirrored there: rounded, their
+    /// bounds those of this path and of rounding.
+    pub(super) fn place(&mut self, case: &Case<'_>, met: Decision) -> Option<Refined> {
         self.follow(case)?;
         let place = self.meet(case, met)?;
         let mirrored = shade::reflect(&self.ray, &place);
         let p = place.p.to_f64();
-        // Rounding to f64 loses half a unit of each coordinate; what was lost before must be no more.
-        let known = place.ep.hi <= U * p.norm1() && place.en.hi <= U && mirrored.ed.hi <= U;
-        known.then(|| {
-            let place = Place { p, ep: 4.0 * U * p.norm1(), n: place.n.to_f64(), en: 4.0 * U };
-            (place, mirrored.d.to_f64().to_dvec3())
-        })
+        let bound = |e: DoubleDouble| e.hi * (1.0 + 1e-9);
+        let rounded =
+            Place { p, ep: bound(place.ep) + 2.0 * U * p.norm1(), n: place.n.to_f64(), en: bound(place.en) + 2.0 * U };
+        let turn = bound(mirrored.ed) + 2.0 * U;
+        Some(Refined { place: rounded, mirrored: mirrored.d.to_f64().to_dvec3(), turn, hit: None })
     }
 
     /// Follows the trail to its end.

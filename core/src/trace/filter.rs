@@ -3,8 +3,10 @@
 //! Rounding to f32 is covered by the bounds of `trace::packet`, which hold for values within 2⁻²⁴ of
 //! local space.
 
+use super::giants::Giants;
 use super::packet::{Leaves, U32};
 use crate::bvh::{Boxes, Coordinate};
+use crate::geometry::giant::{GiantSphere, GiantTriangle};
 use crate::geometry::{Local, U, V3};
 use crate::scene::Scene;
 
@@ -32,15 +34,64 @@ pub(crate) struct FlatPlane {
     pub(crate) through_eye: bool,
 }
 
+/// A sphere around the eye, see [`crate::geometry::giant`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FlatSphere {
+    pub(crate) id: u32,
+    pub(crate) m: [f32; 3],
+    pub(crate) q: f32,
+    pub(crate) k: f32,
+}
+
+impl FlatSphere {
+    fn new((id, s): &(u32, GiantSphere)) -> Self {
+        Self { id: *id, m: single(s.m), q: s.q as f32, k: s.k as f32 }
+    }
+}
+
+/// A triangle around the eye.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FlatTriangle {
+    pub(crate) id: u32,
+    pub(crate) plane: FlatPlane,
+    pub(crate) u: [f32; 3],
+    pub(crate) u0: f32,
+    pub(crate) v: [f32; 3],
+    pub(crate) v0: f32,
+    /// |u| + |v|.
+    pub(crate) slope: f32,
+    /// |u0| + |v0| + 1, rounded up.
+    pub(crate) terms: f32,
+}
+
+impl FlatTriangle {
+    fn new((id, t): &(u32, GiantTriangle)) -> Self {
+        let plane = FlatPlane { n: single(t.plane.n), h: t.plane.h as f32, through_eye: false };
+        let slope = ((t.u.norm1() + t.v.norm1()) * (1.0 + 1e-6)) as f32;
+        let terms = ((t.u0.abs() + t.v0.abs() + 1.0) * (1.0 + 1e-6)) as f32;
+        Self { id: *id, plane, u: single(t.u), u0: t.u0 as f32, v: single(t.v), v0: t.v0 as f32, slope, terms }
+    }
+}
+
 /// What packets meet.
 #[derive(Debug)]
 pub(crate) struct Filter {
     pub(crate) triangles: Leaves<TRIANGLE>,
     pub(crate) spheres: Leaves<SPHERE>,
     pub(crate) planes: Vec<FlatPlane>,
+    /// Objects far larger than what is seen of them; what stands for them in leaves is never met.
+    pub(crate) giant_spheres: Vec<FlatSphere>,
+    pub(crate) giant_triangles: Vec<FlatTriangle>,
     /// Everything finite is at most this far from the origin.
     pub(crate) reach: f32,
 }
+
+/// What no ray meets, but for one square to the normal, which leaves it in doubt; the last stands for the id.
+const NEVER_TRIANGLE: [f32; TRIANGLE] =
+    [0.61, 0.37, 0.7, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, f32::NAN];
+
+/// A point that no ray of a scene comes near.
+const NEVER_SPHERE: [f32; SPHERE] = [1e15, -0.7e15, 0.3e15, 0.0, 0.0, f32::NAN];
 
 fn single(v: V3<f64>) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
@@ -77,12 +128,26 @@ fn triangle(corners: [V3<f64>; 3], id: u32) -> [f32; TRIANGLE] {
 
 impl Filter {
     /// The filter of a scene whose boxes are f32; others are not for f32 at all.
-    pub(crate) fn new(scene: &Scene, local: &Local, boxes: &Boxes) -> Option<Self> {
+    pub(crate) fn new(scene: &Scene, local: &Local, boxes: &Boxes, giants: &Giants) -> Option<Self> {
         let Boxes::Single(wide) = boxes else { return None };
         let first = scene.planes().len() as u32;
         let first_triangle = first + scene.spheres().len() as u32;
-        let triangle = |id| triangle(local.triangle(&scene.triangles()[(id - first_triangle) as usize]).v, id);
+        // Which giants f32 holds: of others nothing is sure in leaves.
+        let normal = |x: f32| x.abs() > 1e-30 && x.abs() < 1e30;
+        let spheres: Vec<_> =
+            giants.spheres.iter().map(FlatSphere::new).filter(|s| normal(s.q) && normal(s.k)).collect();
+        let fits = |t: &FlatTriangle| normal(t.plane.h) && t.slope < 1e25 && t.terms < 1e25;
+        let triangles: Vec<_> = giants.triangles.iter().map(FlatTriangle::new).filter(fits).collect();
+        let triangle = |id| {
+            if triangles.iter().any(|t| t.id == id) {
+                return NEVER_TRIANGLE.map(|x| if x.is_nan() { f32::from_tag(id) } else { x });
+            }
+            triangle(local.triangle(&scene.triangles()[(id - first_triangle) as usize]).v, id)
+        };
         let sphere = |id| {
+            if spheres.iter().any(|s| s.id == id) {
+                return NEVER_SPHERE.map(|x| if x.is_nan() { f32::from_tag(id) } else { x });
+            }
             let s = &local.spheres[(id - first) as usize];
             let sound = s.r > LEAST_RADIUS;
             // Of a sphere that is met within any distance, nothing is sure in f32.
@@ -102,6 +167,8 @@ impl Filter {
             triangles: Leaves::new(wide, 0, triangle),
             spheres: Leaves::new(wide, 1, sphere),
             planes,
+            giant_spheres: spheres.clone(),
+            giant_triangles: triangles.clone(),
             reach: (wide.radius() * (1.0 + 1e-6)) as f32,
         })
     }

@@ -7,6 +7,7 @@ mod coplanar;
 mod court;
 mod double;
 mod filter;
+mod giants;
 mod packet;
 mod path;
 mod prepared;

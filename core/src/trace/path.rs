@@ -59,7 +59,10 @@ impl Tracer {
             let material = self.material(decision.id);
             let mut place = self.place(&ray, decision, from);
             let goes_on = material.reflect * throughput - least > 0.0 && depth < self.settings.max_depth;
-            let too_wide = refines && self.too_wide(&place, throughput);
+            let mut too_wide = refines && self.too_wide(&place, throughput);
+            if too_wide && let Some(better) = self.giant_place(&ray, decision, from, throughput) {
+                (place, too_wide) = (better, false);
+            }
             if !refines && self.too_wide(&place, throughput) {
                 place = place.taken_as_it_is();
                 ray.ed = 4.0 * U;
@@ -126,7 +129,7 @@ impl Tracer {
             }
             counts.mirror += 1;
             ray = match &refined {
-                Some(refined) => Ray::new(place.p, V3::splat(refined.mirrored), place.ep, 4.0 * U),
+                Some(refined) => Ray::new(place.p, V3::splat(refined.mirrored), place.ep, refined.turn),
                 None => shade::reflect(&ray, &place),
             };
             trail.push(decision);
@@ -148,6 +151,29 @@ impl Tracer {
                 shade::on_sphere(ray, &local.spheres[i], flag(decision.inside), flag(own))
             }
         }
+    }
+
+    /// Where `ray` meets a giant that is not pictured, as it is described around the eye: if that is right to nearly
+    /// the last digits, as what else would be asked for this place is.
+    pub(super) fn giant_place(
+        &self,
+        ray: &Ray,
+        met: Decision,
+        from: Option<Decision>,
+        throughput: f64,
+    ) -> Option<Place> {
+        let giants = &self.prepared.giants;
+        let flag = |b: bool| if b { 1.0 } else { 0.0 };
+        let place = match (giants.triangle(met.id.0), giants.sphere(met.id.0)) {
+            (Some(giant), _) => shade::on_plane(ray, &giant.plane),
+            (None, Some(giant)) => {
+                let own = from.is_some_and(|f| f.id == met.id);
+                shade::on_giant_sphere(ray, giant, flag(met.inside), flag(own))
+            }
+            (None, None) => return None,
+        };
+        let tight = place.ep <= 256.0 * U * place.p.norm1() && place.en <= 256.0 * U;
+        (tight && !self.is_pictured(met.id.0) && !self.too_wide(&place, throughput)).then_some(place)
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::arbiter::{ExactPlanes, FIRST};
 use super::coplanar::Coplanar;
 use super::filter::Filter;
+use super::giants::{Candidates, Giants};
 use super::proof;
 use super::query::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Builder, Coordinate, Item, Wide};
@@ -24,6 +25,8 @@ pub struct PreparedScene {
     pub(crate) scene: Arc<Scene>,
     pub(crate) local: Local,
     pub(crate) boxes: Boxes,
+    /// Objects far larger than what is seen of them.
+    pub(crate) giants: Giants,
     /// The scene for packets of f32 rays, where its numbers allow that.
     pub(crate) filter: Option<Filter>,
     /// The planes in wide numbers.
@@ -53,17 +56,24 @@ impl PreparedScene {
     #[must_use]
     pub fn build(scene: Arc<Scene>) -> Self {
         let local = Local::new(&scene);
-        let (boxes, outgrown, flat) = Self::boxes(&scene, &local);
-        let filter = Filter::new(&scene, &local, &boxes);
+        let candidates = Candidates::default();
+        let (boxes, outgrown, flat) = Self::boxes(&scene, &local, &candidates);
+        let kept = match &boxes {
+            Boxes::Single(wide) => &wide.ids,
+            Boxes::Double(wide) => &wide.ids,
+        };
+        let giants = Giants::new(&scene, &local, candidates, kept);
+        let filter = Filter::new(&scene, &local, &boxes, &giants);
         let exact_planes = scene.planes().iter().map(ExactPlanes::new).collect();
         let coplanar = Coplanar::new(&scene, &local);
-        Self { scene, local, boxes, filter, exact_planes, coplanar, outgrown, flat }
+        Self { scene, local, boxes, giants, filter, exact_planes, coplanar, outgrown, flat }
     }
 
     /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
-    fn boxes(scene: &Scene, local: &Local) -> (Boxes, f64, usize) {
+    fn boxes(scene: &Scene, local: &Local, candidates: &Candidates) -> (Boxes, f64, usize) {
         let outgrown = AtomicUsize::new(0);
-        let (singles, flat) = items::<f32>(scene, local, &|b| {
+        let (singles, flat) = items::<f32>(scene, local, &|id, b| {
+            candidates.see(id, b);
             if grows(b) {
                 outgrown.fetch_add(1, Ordering::Relaxed);
             }
@@ -73,7 +83,7 @@ impl PreparedScene {
         let builder = Builder::new(first_triangle, singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
-            Boxes::Double(hierarchy(items::<f64>(scene, local, &|_| ()).0, &builder))
+            Boxes::Double(hierarchy(items::<f64>(scene, local, &|_, _| ()).0, &builder))
         } else {
             Boxes::Single(hierarchy(singles, &builder))
         };
@@ -156,8 +166,8 @@ fn coincide(scene: &Scene, a: ObjectId, b: ObjectId) -> bool {
 }
 
 /// The boxes of all spheres and of all triangles with an area, and how many have none. `see` is
-/// called with each box before it is rounded.
-fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(&Aabb) + Sync)) -> (Vec<Item<T>>, usize) {
+/// called with each id and its box before that is rounded.
+fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(u32, &Aabb) + Sync)) -> (Vec<Item<T>>, usize) {
     let (first, spheres) = (scene.planes().len(), local.spheres.len());
     let item = |i: usize| {
         let b = match i.checked_sub(spheres).map(|i| &scene.triangles()[i]) {
@@ -166,7 +176,7 @@ fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(&Aabb) + Syn
             Some(t) => Local::triangle_box(&local.triangle(t)),
         };
         if b != Aabb::EMPTY {
-            see(&b);
+            see((first + i) as u32, &b);
         }
         Item::new(b.lo.to_array().map(T::down), b.hi.to_array().map(T::up), (first + i) as u32)
     };

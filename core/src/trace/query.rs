@@ -2,10 +2,11 @@
 //! which the arbiter must choose.
 
 use super::arbiter::Decision;
+use super::coplanar::FlatPlane;
 use super::prepared::PreparedScene;
 use crate::bvh::{Boxes, Coordinate, Link, WIDTH, Wide};
 use crate::geometry::local::surface_and_order;
-use crate::geometry::{ObjectId, Ray, Scalar, Span, TINY, U, plane, sphere, triangle};
+use crate::geometry::{ObjectId, Ray, Scalar, Span, TINY, U, giant, plane, sphere, triangle};
 use crate::scene::SurfaceId;
 
 /// What is met first.
@@ -109,14 +110,23 @@ impl PreparedScene {
         }
         if i < planes + spheres {
             let s = &self.local.spheres[i - planes];
-            return match own {
-                None => sphere::test(ray, s),
-                Some(f) if f.inside => sphere::test_from_inside(ray, s),
-                Some(_) => None,
+            let giant = self.giants.sphere(id.0);
+            return match (own, giant) {
+                (Some(f), _) if !f.inside => None,
+                (Some(_), Some(giant)) => giant::test_sphere_from_inside(ray, giant),
+                (Some(_), None) => sphere::test_from_inside(ray, s),
+                (None, Some(giant)) => giant::test_sphere(ray, giant)
+                    .and_then(|span| if span.sure { Some(span) } else { sphere::test(ray, s) }),
+                (None, None) => sphere::test(ray, s),
             };
         }
         if own.is_some() {
             return None;
+        }
+        if let Some(giant) = self.giants.triangle(id.0)
+            && let Ok(span) = giant::test_triangle(ray, giant)
+        {
+            return span;
         }
         triangle::test(ray, &self.local.triangle(&self.scene.triangles()[i - planes - spheres]))
     }
@@ -245,16 +255,26 @@ impl PreparedScene {
     /// Drops what lies in one plane with something that is surely met and comes first in the document: both are
     /// met at one distance, if they are.
     pub(super) fn drop_covered<R: Scalar>(&self, found: &mut Vec<(ObjectId, Span<R>)>) {
-        let order = |id| surface_and_order(&self.scene, id).1;
-        for i in (0..found.len()).rev() {
-            let (id, _) = found[i];
-            let covers = |&(other, span): &(ObjectId, Span<R>)| {
-                span.sure && other != id && order(other) < order(id) && self.are_coplanar(other, id)
-            };
-            if found.iter().any(covers) {
-                found.swap_remove(i);
-            }
+        if found.len() < 2 || !found.iter().any(|(_, span)| span.sure) {
+            return;
         }
+        found.sort_unstable_by_key(|(id, _)| surface_and_order(&self.scene, *id).1);
+        // What comes before all that is sure is not covered.
+        let first = found.iter().position(|(_, span)| span.sure).unwrap_or(0);
+        let mut planes: Vec<u32> = Vec::new();
+        let mut at = 0;
+        found.retain(|&(id, span)| {
+            at += 1;
+            if at <= first {
+                return true;
+            }
+            let Some(plane) = self.plane_of(id).map(FlatPlane::number) else { return true };
+            let covered = planes.contains(&plane);
+            if span.sure && !covered {
+                planes.push(plane);
+            }
+            !covered
+        });
     }
 
     /// Whether anything meets the open segment from `ray.o`, on `from`, to `ray.o + ray.d`, the place of the

@@ -1,11 +1,12 @@
 //! Where a ray meets what it is known to meet, and how light falls there: in f64, the same
 //! operations for one lane or many, each value with a bound on its error.
 
+use crate::geometry::giant::GiantSphere;
 use crate::geometry::local::FAR;
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
-use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, plane, sphere, triangle};
+use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, giant, plane, sphere, triangle};
 
 /// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic:
 /// a thirtieth of an 8-bit step, and errors are several times below their bounds.
@@ -90,6 +91,15 @@ pub(crate) fn on_sphere<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, own
     let (p, ep) = point(ray, t, own.if_positive(e_other, e));
     let n = (p - s.c) * (R::splat(1.0) / s.r);
     let en = (ep + R::splat(2.0 * R::U) * s.c.norm1()) / s.r + R::splat(8.0 * R::U);
+    Place { p, ep, n: V3::if_positive(inner, -n, n), en }
+}
+
+/// The same on a sphere described around the eye.
+#[inline(always)]
+pub(crate) fn on_giant_sphere<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> Place<R> {
+    let (t, et) = giant::distance(ray, s, inner, own);
+    let (p, ep) = point(ray, t, et);
+    let (n, en) = giant::normal(s, p, ep);
     Place { p, ep, n: V3::if_positive(inner, -n, n), en }
 }
 

@@ -25,11 +25,15 @@ pub enum Kind {
     Mirrors,
     /// Everything at halves: rays through corners and edges, tangents, lights in planes, equal objects.
     Lattice,
+    /// Planets, skies, needles and floors that are far larger than what is seen of them, with things on them.
+    Giants,
+    /// Planes and triangles one on another in one exact plane, which lights and the eye may lie in.
+    Layers,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Contact,
         Self::EdgeOn,
         Self::Needles,
@@ -38,14 +42,16 @@ impl Kind {
         Self::Pictures,
         Self::Mirrors,
         Self::Lattice,
+        Self::Giants,
+        Self::Layers,
     ];
 
     /// Bits that an oracle needs to tell whatever differs in such a scene from what is equal.
     #[must_use]
     pub fn bits(self) -> usize {
         match self {
-            Self::Contact | Self::EdgeOn | Self::Lattice | Self::Mirrors => 2048,
-            Self::Needles | Self::Pictures | Self::Scales => 4096,
+            Self::Contact | Self::EdgeOn | Self::Lattice | Self::Layers | Self::Mirrors => 2048,
+            Self::Giants | Self::Needles | Self::Pictures | Self::Scales => 4096,
             Self::Ends => 16384,
         }
     }
@@ -240,6 +246,74 @@ fn halves(r: &mut Random) -> Document {
     d
 }
 
+fn giants(r: &mut Random) -> Document {
+    let shiny = |r: &mut Random| {
+        let Look { paint, .. } = look(r);
+        Look { paint, diffuse: 0.75, reflect: [0.0, 0.25][r.below(2) as usize] }
+    };
+    let eye = if r.one_in(2) { DVec3::ZERO } else { r.cube() * 100.0 };
+    let up = if r.one_in(2) { DVec3::Y } else { (DVec3::Y + r.cube() * 0.5).normalize() };
+    let high = 10f64.powf(r.between(-3.0, 0.5));
+    let mut d = start(eye, eye + DVec3::Z * 2.0 - up * high).with(Item::Light(eye + r.cube() * 3.0 + up * 4.0));
+    if r.one_in(3) {
+        d = d.with(Item::Light(eye + up * 10f64.powf(r.between(1.0, 12.0)) + r.cube()));
+    }
+    for _ in 0..2 {
+        let large = 10f64.powf(r.between(3.0, 15.0));
+        d = match r.below(5) {
+            0 => d.sphere(eye - up * (large + high), large, shiny(r)),
+            1 => d.sphere(eye + up * (large - high * 3.0), large, shiny(r)),
+            2 => {
+                let (u, v) = (up.cross(r.direction()).normalize(), up.cross(r.direction()).normalize());
+                let a = eye - up * high;
+                d.triangle([a + u * large, a + v * large, a - (u + v) * large], shiny(r))
+            }
+            3 => {
+                let (a, along, off) = (eye + r.cube() + DVec3::Z * 3.0, r.direction() * large, r.cube());
+                let corners = [a - along, a + along, a + along * r.between(-1.0, 1.0) + off];
+                let turned = [corners[1], corners[0], corners[2]];
+                d.triangle(if r.one_in(2) { corners } else { turned }, shiny(r))
+            }
+            _ => {
+                // On whole numbers, so that much is met exactly.
+                let (a, long) = (eye - up * high, large.round());
+                let (u, v) = (dvec3(long, 0.0, whole(r, 3)), dvec3(whole(r, 3), 0.0, long));
+                d.with(Item::TriangleSides([a - u - v, u * 4.0, v * 4.0], shiny(r)))
+            }
+        };
+    }
+    for _ in 0..4 {
+        let radius = r.between(0.1, 0.5);
+        let at = eye + dvec3(r.between(-1.5, 1.5), 0.0, r.between(1.0, 5.0)) - up * (high - radius);
+        d = d.sphere(at, radius, shiny(r));
+    }
+    d
+}
+
+fn layers(r: &mut Random) -> Document {
+    let n =
+        [DVec3::Y, DVec3::Z, dvec3(3.0, 4.0, 0.0), dvec3(1.0, 2.0, -2.0), dvec3(1.0, 1.0, 1.0)][r.below(5) as usize];
+    let at = lattice(r, 2);
+    let inside = |r: &mut Random| at + across(r, n) * 0.5 + across(r, n) * 0.25;
+    let eye = if r.one_in(6) { inside(r) } else { at + dvec3(0.5, 3.0, -6.0) };
+    let mut d = start(eye, if r.one_in(2) { at } else { at + dvec3(0.25, 0.5, 0.0) });
+    d = d.with(Item::Light(if r.one_in(3) { inside(r) } else { eye + lattice(r, 3) }));
+    d = d.with(Item::Light(at + lattice(r, 5)));
+    let shiny = |r: &mut Random| Look { reflect: [0.0, 0.0, 0.5][r.below(3) as usize], ..look(r) };
+    for _ in 0..12 {
+        let (a, u, v) = (inside(r), across(r, n), across(r, n));
+        d = match r.below(12) {
+            0 => d.plane_at(n * -2.0, a, shiny(r)),
+            1 => d.plane_at(n, a, shiny(r)),
+            2 => d.sphere(at + lattice(r, 3), 1.0, shiny(r)),
+            3 => d.triangle([a, a + u, a + v + n], shiny(r)),
+            4..7 => d.with(Item::TriangleSides([a, u, v], shiny(r))),
+            _ => d.triangle([a, a + u, a + v], shiny(r)),
+        };
+    }
+    d
+}
+
 /// The scene of a kind that belongs to `seed`, and how it is seen: a small picture of odd size, so that a
 /// ray goes through its middle.
 ///
@@ -258,6 +332,8 @@ pub fn event(kind: Kind, seed: u64) -> (Document, Settings) {
         Kind::Pictures => pictures(r),
         Kind::Mirrors => mirrors(r),
         Kind::Lattice => halves(r),
+        Kind::Giants => giants(r),
+        Kind::Layers => layers(r),
     };
     let view = View::new(13, 9, 1.0, if kind == Kind::Lattice { 2.25 } else { 1.0 });
     let view = view.unwrap_or_else(|e| unreachable!("a view in range: {e}"));

@@ -1,5 +1,6 @@
 //! Scenes made by program: as documents to be read, and resolved.
 
+pub mod cliff;
 pub mod contact;
 mod document;
 pub mod event;

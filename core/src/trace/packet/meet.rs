@@ -28,10 +28,10 @@ macro_rules! each {
 pub(super) struct Ray<F> {
     pub(super) o: [F; 3],
     pub(super) d: [F; 3],
-    near: F,
+    pub(super) near: F,
     per: F,
     dd_inv: F,
-    len: F,
+    pub(super) len: F,
     inv_len: F,
 }
 
@@ -43,7 +43,7 @@ impl<F: Floats> Ray<F> {
     }
 
     #[inline(always)]
-    fn dot(a: [F; 3], b: &[F; 3]) -> F {
+    pub(super) fn dot(a: [F; 3], b: &[F; 3]) -> F {
         a[0].fma(b[0], a[1].fma(b[1], a[2] * b[2]))
     }
 }

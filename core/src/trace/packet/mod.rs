@@ -13,8 +13,12 @@
 
 mod alone;
 mod beam;
+mod giant;
 mod leaf;
 mod meet;
+#[cfg(test)]
+mod tests;
+mod ties;
 mod walk;
 
 use super::filter::Filter;
@@ -22,6 +26,7 @@ use crate::bvh::{Child, Wide};
 use crate::simd::{Floats, LANES, Mask, Simd, Single};
 pub(crate) use leaf::Leaves;
 use meet::Meeting;
+pub(crate) use ties::Ties;
 use walk::{Stacks, walk};
 
 /// The unit roundoff of f32.
@@ -86,10 +91,13 @@ impl Walk {
         self.doubts.iter().filter(move |d| usize::from(d.lane) == lane).map(|d| d.id)
     }
 
-    /// Forgets candidates that lie surely beyond their lane's nearest sure object.
-    fn prune(&mut self) {
-        let best_hi = &self.best_hi;
-        self.doubts.retain(|d| !(d.lo > best_hi[usize::from(d.lane)]));
+    /// Forgets candidates that lie surely beyond their lane's nearest sure object, or do not matter beside it.
+    fn prune(&mut self, ties: &Ties<'_>) {
+        let (best, best_hi) = (&self.best, &self.best_hi);
+        self.doubts.retain(|d| {
+            let lane = usize::from(d.lane);
+            !(d.lo > best_hi[lane] || ties.covers(best[lane], d.id))
+        });
     }
 }
 /// The lanes of `mask`.
@@ -128,14 +136,15 @@ trait Visit<S: Simd> {
     }
 }
 
-struct Nearest<S: Simd> {
+struct Nearest<'a, S: Simd> {
     active: Mask,
     lo: S::Single,
     hi: S::Single,
     best: [u32; LANES],
+    ties: Ties<'a>,
 }
 
-impl<S: Simd> Visit<S> for Nearest<S> {
+impl<S: Simd> Visit<S> for Nearest<'_, S> {
     const NEARS: bool = true;
     #[inline(always)]
     fn bound(&self) -> S::Single {
@@ -160,7 +169,9 @@ impl<S: Simd> Visit<S> for Nearest<S> {
         }
         let rest = may & !nearest;
         if rest != 0 {
+            let rest = self.ties.left(id, rest);
             self.hi = m.hi.min(self.hi).select(rest & m.sure, self.hi);
+            let rest = self.ties.nearest(id, rest, m.sure, &mut self.best);
             push_doubts::<S>(id, rest, m.lo, doubts);
         }
     }
@@ -185,6 +196,7 @@ struct Blocked<'a, S: Simd> {
     one: S::Single,
     last: &'a mut Option<Spot>,
     exempt: &'a [u32],
+    ties: Ties<'a>,
 }
 
 impl<S: Simd> Visit<S> for Blocked<'_, S> {
@@ -210,7 +222,7 @@ impl<S: Simd> Visit<S> for Blocked<'_, S> {
         }
         let rest = may & !blocked;
         if rest != 0 {
-            push_doubts::<S>(id, rest, m.lo, doubts);
+            push_doubts::<S>(id, self.ties.left(id, rest), m.lo, doubts);
         }
     }
     #[inline(always)]
@@ -226,17 +238,17 @@ impl<S: Simd> Visit<S> for Blocked<'_, S> {
 /// Finds what the packet's rays meet first: `out.best` where `out.doubts` names no candidate of the lane,
 /// else among both.
 #[inline(always)]
-pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packet, out: &mut Walk) {
+pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packet, ties: Ties<'_>, out: &mut Walk) {
     let far = S::Single::splat(f32::INFINITY);
     // Of lanes that are not active nothing is near enough.
     let hi = far.select(packet.active, S::Single::splat(-1.0));
-    let mut visitor = Nearest::<S> { active: packet.active, lo: far, hi, best: [NONE; LANES] };
+    let mut visitor = Nearest::<S> { active: packet.active, lo: far, hi, best: [NONE; LANES], ties };
     out.doubts.clear();
     walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
     out.best = visitor.best;
     visitor.hi.store(&mut out.best_hi);
     if !out.doubts.is_empty() {
-        out.prune();
+        out.prune(&visitor.ties);
     }
 }
 
@@ -250,9 +262,10 @@ pub(crate) fn blocked<S: Simd>(
     packet: &Packet,
     last: &mut Option<Spot>,
     exempt: &[u32],
+    ties: Ties<'_>,
     out: &mut Walk,
 ) -> Mask {
-    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0), last, exempt };
+    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0), last, exempt, ties };
     out.doubts.clear();
     walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
     let blocked = packet.active & !visitor.active;

@@ -8,6 +8,7 @@
 
 use super::alone::Alone;
 use super::beam::{Beam, LEAST_NODES};
+use super::giant::{meet_giant_sphere, meet_giant_triangle};
 use super::leaf;
 use super::meet::{Apart, Rays, Sphere, Triangle, meet_plane, meet_sphere, meet_triangle};
 use super::{Doubt, INSIDE, NONE, Packet, Spot, Visit};
@@ -98,6 +99,9 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
             }
         }
     }
+    if !(filter.giant_spheres.is_empty() && filter.giant_triangles.is_empty()) {
+        giants::<S, V>(filter, packet, &rays, visitor, doubts);
+    }
     if wide.nodes.is_empty() || visitor.active() == 0 {
         return;
     }
@@ -155,6 +159,38 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
                 }
                 journey.shorten(visitor.bound());
             }
+        }
+    }
+}
+
+/// Shows the visitor what rays meet of the objects that are described around the eye.
+#[inline(always)]
+fn giants<S: Simd, V: Visit<S>>(
+    filter: &Filter,
+    packet: &Packet,
+    rays: &Rays<S>,
+    visitor: &mut V,
+    doubts: &mut Vec<Doubt>,
+) {
+    let ed = S::Single::load(&packet.ed);
+    for giant in &filter.giant_spheres {
+        let mask = visitor.active() & !S::equal(&packet.own, giant.id);
+        let within = S::equal(&packet.own, giant.id | INSIDE) & mask;
+        let mut m = meet_giant_sphere(&rays.ray, giant, ed, mask);
+        if within != 0 {
+            m.may |= within;
+            m.sure &= !within;
+            m.lo = S::Single::splat(0.0).select(within, m.lo);
+        }
+        if m.may != 0 {
+            visitor.visit(giant.id, None, m, doubts);
+        }
+    }
+    for giant in &filter.giant_triangles {
+        let mask = visitor.active() & !S::equal(&packet.own, giant.id);
+        let m = meet_giant_triangle(&rays.ray, giant, ed, mask);
+        if m.may != 0 {
+            visitor.visit(giant.id, None, m, doubts);
         }
     }
 }

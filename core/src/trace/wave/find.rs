@@ -6,7 +6,7 @@ use super::{FAR, Stage};
 use crate::geometry::{Ray, V3};
 use crate::simd::{Double, Floats, LANES, Mask, Simd, Single, prefetch};
 use crate::trace::camera::{self, PlanePoint};
-use crate::trace::packet::{self, INSIDE, NONE, Packet, U32, Walk};
+use crate::trace::packet::{self, INSIDE, NONE, Packet, Ties, U32, Walk};
 
 impl Stage<'_> {
     #[inline(always)]
@@ -63,7 +63,7 @@ impl Stage<'_> {
         ((eo + turn * (far + s(self.filter.reach))) * s(1.1)).store(&mut packet.pad);
         // Squares of lengths that f32 holds to its full precision.
         let dd = d.x * d.x + d.y * d.y + d.z * d.z;
-        far.lt(s(FAR as f32)) & s(1e-30).lt(dd) & dd.lt(s(1e30))
+        far.lt(s(FAR as f32)) & s(1e-36).lt(dd) & dd.lt(s(1e30))
     }
 
     /// Walks with the packet of the rays from `at` on, of `n`; gives its lanes, and those that f32 can
@@ -82,7 +82,8 @@ impl Stage<'_> {
         packet.own[..8].copy_from_slice(eight_at(&rays.own, at));
         packet.own[8..].copy_from_slice(eight_at(&rays.own, at + 8));
         packet.active = all & near;
-        packet::closest::<S>(self.filter, self.wide, packet, walk);
+        let ties = Ties::new(&self.tracer.prepared, packet, None);
+        packet::closest::<S>(self.filter, self.wide, packet, ties, walk);
         [all, near]
     }
 

@@ -7,7 +7,7 @@ use super::paths::Paths;
 use super::{PATHS, Stage};
 use crate::geometry::V3;
 use crate::simd::{Double, LANES, Simd};
-use crate::trace::packet::{self, Packet, Spot, Walk};
+use crate::trace::packet::{self, Packet, Spot, Ties, Walk};
 use crate::trace::shade;
 
 /// Shadow segments towards one light.
@@ -62,7 +62,8 @@ impl Stage<'_> {
                 packet.own[8..].copy_from_slice(&high.take(&places.met));
                 let all = ((1u32 << LANES.min(shadows.count - first)) - 1) as u16;
                 packet.active = all & near;
-                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, &mut last, exempt, walk);
+                let ties = Ties::new(&self.tracer.prepared, packet, Some(k));
+                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, &mut last, exempt, ties, walk);
                 for lane in packet::lanes(walk.open(all, near)) {
                     let i = shadows.at[first + lane] as usize;
                     let candidates = walk.doubts_of(lane);

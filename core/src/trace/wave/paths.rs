@@ -89,8 +89,8 @@ impl Paths<'_> {
             lanes[3][lane] = 4.0 * U;
         }
         if places.refined[i] != 0 {
-            let d = self.refined_places[places.refined[i] as usize - 1].mirrored;
-            (lanes[0][lane], lanes[1][lane], lanes[2][lane], lanes[3][lane]) = (d.x, d.y, d.z, 4.0 * U);
+            let Refined { mirrored: d, turn, .. } = self.refined_places[places.refined[i] as usize - 1];
+            (lanes[0][lane], lanes[1][lane], lanes[2][lane], lanes[3][lane]) = (d.x, d.y, d.z, turn);
         }
     }
 
@@ -177,6 +177,10 @@ impl Paths<'_> {
         let tracer = self.tracer;
         if tracer.refinement == Refinement::Off {
             places.set(i, &places.one(i).taken_as_it_is());
+            return;
+        }
+        if let Some(place) = tracer.giant_place(&rays.one(i), met, Decision::of(rays.own[i]), rays.throughput[i]) {
+            places.set(i, &place);
             return;
         }
         let goes_on =

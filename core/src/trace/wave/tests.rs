@@ -111,6 +111,19 @@ fn shape() -> impl Strategy<Value = Shape> {
             let c = a + (b - a) * t + off * by;
             Shape::Triangle(if turned { [c, b, a] } else { [a, b, c] })
         }),
+        // Far larger than what is aimed at: planets below the eye, skies around it, needles beside it.
+        (vector(), 3i32..13, number(), any::<bool>()).prop_map(|(up, e, high, sky)| {
+            let r = 10f64.powi(e);
+            let away = if sky { r - high } else { r + high };
+            Shape::Sphere(up.normalize_or(DVec3::Y) * -away, r)
+        }),
+        (vector(), vector(), vector(), 2i32..16, -2.0..2.0f64, any::<bool>()).prop_map(
+            |(a, along, off, e, t, turned)| {
+                let long = along * 10f64.powi(e);
+                let corners = [a - long, a + long * t.abs(), a + long * t + off];
+                Shape::Triangle(if turned { [corners[2], corners[1], corners[0]] } else { corners })
+            }
+        ),
     ]
 }
 
@@ -118,8 +131,17 @@ fn shape() -> impl Strategy<Value = Shape> {
 fn aimed(shape: Shape) -> impl Strategy<Value = (DVec3, DVec3)> {
     let at = move |(u, v): (f64, f64)| match shape {
         Shape::Plane(_, p) => p + DVec3::new(u, v, 0.0),
-        Shape::Sphere(c, r) => c + DVec3::new(u, v, 1.0).normalize() * r,
-        Shape::Triangle([a, b, c]) => a + (b - a) * u + (c - a) * v,
+        Shape::Sphere(c, r) if r < 1e3 => c + DVec3::new(u, v, 1.0).normalize() * r,
+        // On the sphere below the eye, to within its rounding.
+        Shape::Sphere(c, r) => c + (DVec3::new(u, v, u * v) - c).normalize_or(DVec3::Y) * r,
+        Shape::Triangle([a, b, c]) if (b - a).length() < 1e3 => a + (b - a) * u + (c - a) * v,
+        // Beside the middle of a side.
+        Shape::Triangle([a, b, c]) => {
+            let along = (b - a).normalize_or(DVec3::X);
+            let to = |p: DVec3| p - along * along.dot(p);
+            let (on, other) = (to(a), to(c));
+            on + (other - on) * v + along * u
+        }
     };
     (vector(), (number(), number()), 0.25..3.0f64, any::<bool>()).prop_map(move |(o, uv, far, plain)| {
         let d = at(uv) - o;
