@@ -2,21 +2,17 @@
 //!
 //! `cargo bench -p tessera-tests --bench instructions` counts them and fails where a kernel
 //! takes more than a tenth more than `instructions.txt` beside this file says; with `-- --write`
-//! it writes that file anew. Valgrind knows AVX2 but not AVX-512, so it is AVX2's kernels that
-//! are counted. Where valgrind does not run it says so and ends well.
+//! it writes that file anew (see [`bench`]).
 
-use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use tessera_core::film::Region;
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
-use tessera_core::simd::Level;
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_core::xml::{ReadOptions, read_bytes};
-use tessera_tests::callgrind::{alone, count, level};
+use tessera_tests::callgrind::{Record, alone, bench, count};
 use tessera_tests::generate::{self, Document};
 
 /// Counts may be this much above what is on record.
@@ -61,63 +57,25 @@ fn run(kernel: &str) {
     }
 }
 
-fn main() -> ExitCode {
-    let args: Vec<String> = std::env::args().skip(1).collect();
-    if let [first, kernel] = &args[..]
-        && first == "--kernel"
-    {
-        run(kernel);
-        return ExitCode::SUCCESS;
-    }
-    if args.iter().any(|a| a == "--level") {
-        println!("{:?}", Level::best());
-        return ExitCode::SUCCESS;
-    }
-    match level() {
-        Some(level) if level == format!("{:?}", Level::Avx2) => {}
-        Some(level) => {
-            println!("valgrind offers {level} here: nothing is counted");
-            return ExitCode::SUCCESS;
-        }
-        None => {
-            println!("valgrind does not run here: nothing is counted");
-            return ExitCode::SUCCESS;
-        }
-    }
-    let record = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/instructions.txt");
-    let before: BTreeMap<String, u64> = std::fs::read_to_string(&record)
-        .unwrap_or_default()
-        .lines()
-        .filter_map(|l| l.split_once(' ').and_then(|(k, n)| Some((k.to_owned(), n.trim().parse().ok()?))))
-        .collect();
+/// Counts every kernel, and holds it against what is on record.
+fn compare(record: &Record) -> Result<(String, bool), String> {
     let (mut table, mut good) = (String::new(), true);
     for kernel in KERNELS {
-        let now = match count(kernel) {
-            Ok(now) => now,
-            Err(e) => {
-                eprintln!("{e}");
-                return ExitCode::FAILURE;
-            }
-        };
+        let now = count(kernel)?;
         let _ = writeln!(table, "{kernel} {now}");
-        let Some(&before) = before.get(kernel) else {
+        let Some(&before) = record.get(kernel) else {
             println!("{kernel:12} {now:>12}  not on record");
             good = false;
             continue;
         };
-        let change = now as f64 / before as f64 - 1.0;
+        let change = now as f64 / before - 1.0;
         let verdict = if change > TOLERANCE { "  too many" } else { "" };
         println!("{kernel:12} {now:>12}  {:+6.1} %{verdict}", 100.0 * change);
         good &= change <= TOLERANCE;
     }
-    if args.iter().any(|a| a == "--write") {
-        return match std::fs::write(&record, table) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(e) => {
-                eprintln!("{}: {e}", record.display());
-                ExitCode::FAILURE
-            }
-        };
-    }
-    if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    Ok((table, good))
+}
+
+fn main() -> ExitCode {
+    bench("instructions.txt", run, compare)
 }

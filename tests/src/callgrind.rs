@@ -1,7 +1,68 @@
-//! Instructions of some work in a process of its own, counted by valgrind's callgrind.
+//! Instructions of some work in a process of its own, counted by valgrind's callgrind, and held against a record.
 
+use std::collections::BTreeMap;
 use std::hint::black_box;
-use std::process::Command;
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+use tessera_core::simd::Level;
+
+/// What is on record, by name.
+pub type Record = BTreeMap<String, f64>;
+
+/// A bench of counted work, whose record is `benches/FILE` in this crate. As a process of its own it does what `run`
+/// is told; else `compare` counts, says what it finds beside the record, and gives the lines of a new one and whether
+/// all is as it should be. With `--write` those lines are written. The tracer without vectors has other instructions
+/// and valgrind knows no AVX-512, so it is AVX2's that are counted; where that cannot be, this is said, and no failure.
+pub fn bench(
+    file: &str,
+    run: impl FnOnce(&str),
+    compare: impl FnOnce(&Record) -> Result<(String, bool), String>,
+) -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    if let [first, kernel] = &args[..]
+        && first == "--kernel"
+    {
+        run(kernel);
+        return ExitCode::SUCCESS;
+    }
+    if args.iter().any(|a| a == "--level") {
+        println!("{:?}", Level::best());
+        return ExitCode::SUCCESS;
+    }
+    match level() {
+        Some(level) if level == format!("{:?}", Level::Avx2) => {}
+        Some(level) => {
+            println!("valgrind offers {level} here: nothing is counted");
+            return ExitCode::SUCCESS;
+        }
+        None => {
+            println!("valgrind does not run here: nothing is counted");
+            return ExitCode::SUCCESS;
+        }
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches").join(file);
+    let before = std::fs::read_to_string(&path)
+        .unwrap_or_default()
+        .lines()
+        .filter_map(|l| l.split_once(' ').and_then(|(k, n)| Some((k.to_owned(), n.trim().parse().ok()?))))
+        .collect();
+    let ended = compare(&before).and_then(|(table, good)| {
+        if args.iter().any(|a| a == "--write") {
+            std::fs::write(&path, table).map_err(|e| format!("{}: {e}", path.display()))?;
+            return Ok(true);
+        }
+        Ok(good)
+    });
+    match ended {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(e) => {
+            eprintln!("{e}");
+            ExitCode::FAILURE
+        }
+    }
+}
 
 /// What callgrind counts: only what happens in here.
 #[inline(never)]
@@ -40,8 +101,7 @@ pub fn count(kernel: &str) -> Result<u64, String> {
 
 /// The instructions that programs are offered under valgrind: what this program says when it is called with
 /// `--level`.
-#[must_use]
-pub fn level() -> Option<String> {
+fn level() -> Option<String> {
     let this = std::env::current_exe().ok()?;
     let output = Command::new("valgrind").args(["--tool=none", "-q"]).arg(this).arg("--level").output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())

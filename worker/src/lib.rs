@@ -181,12 +181,12 @@ async fn work(session: &Session, stop: &CancellationToken) -> Result<Left, Worke
                 // Again and again the same would say nothing new.
                 if said.as_ref() == Some(&why) {
                     tracing::debug!("{}: {why}", config.connect);
-                } else if config.local.is_some() {
-                    // A worker of the coordinator's own process may dial when a short render is over already.
-                    tracing::info!("{}: {why}; trying again", config.connect);
-                    said = Some(why);
                 } else {
-                    tracing::warn!("{}: {why}; trying again", config.connect);
+                    // A worker of the coordinator's own process may dial when a short render is over already.
+                    match config.local {
+                        Some(_) => tracing::info!("{}: {why}; trying again", config.connect),
+                        None => tracing::warn!("{}: {why}; trying again", config.connect),
+                    }
                     said = Some(why);
                 }
             }

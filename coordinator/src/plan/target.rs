@@ -1,10 +1,11 @@
 //! Passes towards an error.
 //!
 //! ```text
-//! look at few blocks ─▶ at more, within the tolerance found ─▶ … ─▶ render ─▶ met: done
-//!                                                                    ▲  │ missed, and finer helps
-//!                                                                    └──┘
+//! look at few blocks ─▶ render ─▶ met: done
+//!    ▲  │ not as expected,  ▲  │ missed, and finer helps
+//!    └──┘ or far off        └──┘
 //! ```
+//! A look sees what was expected where the audit agrees with the sampler; further ones see more blocks.
 //! Looks are spread over the whole view, whatever region of it is rendered, so that regions are rendered within the
 //! tolerance that the whole is. A picture so small that a look sees all of it needs no other render: then looks go on
 //! until one meets the target and not by far, and its pixels are the picture.
@@ -152,7 +153,7 @@ impl Target {
         let (rmse, (lower, upper)) = (error.rmse(), error.interval());
         self.seen = Some((error, self.audit));
         // The render's audit draws other pixels, and more or fewer of them.
-        let (_, drawn) = cost::audit(self.view.area(), self.seen.as_ref().map(|(e, t)| (e, *t)));
+        let (_, drawn) = cost::audit(self.view.area(), self.seen.as_ref().map(|(e, rate)| (e, *rate)));
         let audits = if spots.are_all() { 1.0 } else { (error.audited as f64 / drawn.max(1.0)).sqrt().max(NARROWS) };
         let expected = error.expected_rmse();
         // What errors were found may be few of those that there are.
@@ -294,7 +295,7 @@ impl Target {
         };
         // A look's pixels are audited, and their neighbours belong to no other tile.
         let audited = if self.renders == 0 { AUDITED_LOOK } else { 1.0 };
-        let dearer = libm::pow(self.tolerance.fraction() / tolerance.fraction(), 1.0) / audited;
+        let dearer = self.tolerance.fraction() / tolerance.fraction() / audited;
         self.tolerance = tolerance;
         self.audit = audit;
         self.renders += 1;

@@ -173,6 +173,17 @@ fn check_cover(tracer: &Tracer, id: u32, cover: &Cover, lens: &Lens, tile: &Tile
     }
 }
 
+/// The same of every object, by the candidates of the tile.
+fn check_all(tracer: &Tracer, lens: &Lens, tile: &Tile, random: &mut Random) {
+    let mut found = Vec::new();
+    assert!(gather(&tracer.prepared().boxes, &Pyramid::new(lens, tile), 1000, &mut found));
+    for id in ids(tracer) {
+        let (cover, _) = object(tracer, id, lens, tile);
+        let is_plane = matches!(kind(&tracer.prepared().scene, ObjectId(id)), Kind::Plane(_));
+        check_cover(tracer, id, &cover, lens, tile, random, is_plane || found.contains(&id));
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 
@@ -182,13 +193,7 @@ proptest! {
         let tracer = scene(&mut random, false);
         let (tile, _) = tile(&tracer, &mut random);
         let lens = eye(&tracer);
-        let mut found = Vec::new();
-        prop_assert!(gather(&tracer.prepared().boxes, &Pyramid::new(&lens, &tile), 1000, &mut found));
-        for id in ids(&tracer) {
-            let (cover, _) = object(&tracer, id, &lens, &tile);
-            let is_plane = matches!(kind(&tracer.prepared().scene, ObjectId(id)), Kind::Plane(_));
-            check_cover(&tracer, id, &cover, &lens, &tile, &mut random, is_plane || found.contains(&id));
-        }
+        check_all(&tracer, &lens, &tile, &mut random);
     }
 
     #[test]
@@ -199,13 +204,7 @@ proptest! {
         let n = random.direction();
         let n = n * (1.0 / n.length());
         let lens = eye(&tracer).mirrored(n, n.dot(random.place()));
-        let mut found = Vec::new();
-        prop_assert!(gather(&tracer.prepared().boxes, &Pyramid::new(&lens, &tile), 1000, &mut found));
-        for id in ids(&tracer) {
-            let (cover, _) = object(&tracer, id, &lens, &tile);
-            let is_plane = matches!(kind(&tracer.prepared().scene, ObjectId(id)), Kind::Plane(_));
-            check_cover(&tracer, id, &cover, &lens, &tile, &mut random, is_plane || found.contains(&id));
-        }
+        check_all(&tracer, &lens, &tile, &mut random);
     }
 
     #[test]

@@ -26,38 +26,46 @@ pub(super) struct Receiver {
     pub(super) apart: bool,
 }
 
+impl Receiver {
+    /// Its least and greatest inverse distance.
+    #[inline(always)]
+    fn range(&self, tile: &Tile) -> (f64, f64) {
+        let (mut lo, mut hi) = (f64::INFINITY, 0.0f64);
+        for j in (0..8).filter(|j| self.pixels >> (8 * j) & 0xff != 0) {
+            let (l, h) = self.depth.row(tile, j);
+            for k in (0..8).filter(|k| self.pixels >> (8 * j + k) & 1 == 1) {
+                (lo, hi) = (lo.min(l[k]), hi.max(h[k]));
+            }
+        }
+        (lo, hi)
+    }
+}
+
 /// Surfaces that are looked at together: one, or triangles about as far away.
 pub(super) struct Group {
     pub(super) receivers: Vec<Receiver>,
     pub(super) pixels: Pixels,
-    /// Whether it is of triangles, and their least and greatest inverse distance.
-    pub(super) triangles: bool,
-    pub(super) range: (f64, f64),
+    /// The least and greatest inverse distance of triangles; none where it is of another surface.
+    pub(super) range: Option<(f64, f64)>,
 }
 
 impl Group {
     /// Adds a surface to the groups: to one of triangles, if it is one, or as a group of its own.
     #[inline(always)]
     pub(super) fn add(groups: &mut Vec<Self>, tile: &Tile, receiver: Receiver, triangle: bool) {
-        let (mut lo, mut hi) = (f64::INFINITY, 0.0f64);
-        if triangle {
-            for j in (0..8).filter(|j| receiver.pixels >> (8 * j) & 0xff != 0) {
-                let (l, h) = receiver.depth.row(tile, j);
-                for k in (0..8).filter(|k| receiver.pixels >> (8 * j + k) & 1 == 1) {
-                    (lo, hi) = (lo.min(l[k]), hi.max(h[k]));
-                }
-            }
-            for group in groups.iter_mut().filter(|g| g.triangles) {
-                let range = (lo.min(group.range.0), hi.max(group.range.1));
-                if range.1 < TOGETHER * range.0 {
+        let range = triangle.then(|| receiver.range(tile));
+        if let Some((lo, hi)) = range {
+            for group in groups.iter_mut() {
+                let Some(so_far) = group.range else { continue };
+                let both = (lo.min(so_far.0), hi.max(so_far.1));
+                if both.1 < TOGETHER * both.0 {
                     group.receivers.push(receiver);
-                    (group.pixels, group.range) = (group.pixels | receiver.pixels, range);
+                    (group.pixels, group.range) = (group.pixels | receiver.pixels, Some(both));
                     return;
                 }
             }
         }
-        let pixels = receiver.pixels;
-        groups.push(Self { receivers: vec![receiver], pixels, triangles: triangle, range: (lo, hi) });
+        groups.push(Self { receivers: vec![receiver], pixels: receiver.pixels, range });
     }
 }
 
@@ -194,17 +202,10 @@ impl View<'_> {
         let (mut lo, mut hi) = (f64::INFINITY, 0.0f64);
         let (mut x, mut y) = ((7, 0), (7, 0));
         for receiver in &group.receivers {
-            for j in 0..8 {
-                let mask = receiver.pixels >> (8 * j) & 0xff;
-                if mask == 0 {
-                    continue;
-                }
-                y = (y.0.min(j), y.1.max(j));
-                let (l, h) = receiver.depth.row(self.tile, j);
-                for k in (0..8).filter(|k| mask >> k & 1 == 1) {
-                    x = (x.0.min(k), x.1.max(k));
-                    (lo, hi) = (lo.min(l[k]), hi.max(h[k]));
-                }
+            let (l, h) = receiver.range(self.tile);
+            (lo, hi) = (lo.min(l), hi.max(h));
+            for at in (0..64).filter(|at| receiver.pixels >> at & 1 == 1) {
+                (x, y) = ((x.0.min(at % 8), x.1.max(at % 8)), (y.0.min(at / 8), y.1.max(at / 8)));
             }
         }
         if !(lo > 0.0 && hi < f64::INFINITY) {
