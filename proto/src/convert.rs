@@ -8,7 +8,7 @@ use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Settin
 use tessera_core::trace::RayCounts;
 
 use crate::identity::WorkerId;
-use crate::ids::{Attempt, LeaseId, PassNumber, SceneHash};
+use crate::ids::{Attempt, JobNumber, LeaseId, PassNumber, SceneHash};
 use crate::limits::{
     BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
 };
@@ -139,9 +139,11 @@ pub fn cause(text: &str) -> String {
     printable(cut(text, MAX_CAUSE_BYTES))
 }
 
-/// What a session renders.
+/// What a worker renders until another one comes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
+    /// Which job.
+    pub number: JobNumber,
     /// The scene's hash and length, or `None` where the worker was given the scene.
     pub scene: Option<(SceneHash, u64)>,
     /// How it is seen.
@@ -158,6 +160,7 @@ impl From<Job> for wire::Job {
             scene_bytes,
             settings: Some(job.settings.into()),
             pixels: wire::PixelFormat::from(job.pixels).into(),
+            job: job.number.0,
         }
     }
 }
@@ -167,6 +170,9 @@ impl TryFrom<wire::Job> for Job {
 
     fn try_from(job: wire::Job) -> Result<Self, Malformed> {
         let pixels = job.pixels().try_into()?;
+        if job.job >= JobNumber::END {
+            return Err(Malformed::Range("the job's number"));
+        }
         let scene = if job.scene_sha256.is_empty() {
             None
         } else {
@@ -177,7 +183,7 @@ impl TryFrom<wire::Job> for Job {
             Some((SceneHash(hash), job.scene_bytes))
         };
         let settings = job.settings.ok_or(Malformed::Missing("settings"))?.try_into()?;
-        Ok(Self { scene, settings, pixels })
+        Ok(Self { number: JobNumber(job.job), scene, settings, pixels })
     }
 }
 

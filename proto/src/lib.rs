@@ -13,7 +13,7 @@ pub mod plausible;
 pub mod scene;
 pub mod token;
 
-pub use ids::{Attempt, InstanceId, LeaseId, PassNumber, SceneHash, SessionId};
+pub use ids::{Attempt, InstanceId, JobNumber, LeaseId, PassNumber, SceneHash, SessionId};
 pub use pixels::{PixelFormat, Pixels};
 
 /// What is generated from `farm.proto`, documented there.

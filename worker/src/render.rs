@@ -17,6 +17,13 @@ use tokio::sync::mpsc;
 
 use crate::studio::TileTracer;
 
+/// What renders a job's tiles, and how they travel.
+pub(crate) struct JobTracer {
+    pub(crate) tracer: Arc<dyn TileTracer>,
+    pub(crate) format: PixelFormat,
+    pub(crate) transfer: Transfer,
+}
+
 /// Renders one session's leases, oldest first, on a rayon pool.
 ///
 /// Deliveries go into a bounded channel: where the network is slower than the threads, the
@@ -26,9 +33,6 @@ pub(crate) struct Foreman(Arc<Inner>);
 
 struct Inner {
     pool: Arc<ThreadPool>,
-    tracer: Arc<dyn TileTracer>,
-    format: PixelFormat,
-    transfer: Transfer,
     /// Leases rendered at once: two where there are many threads, so that none stands still
     /// while the last ones finish a tile.
     at_once: usize,
@@ -37,7 +41,9 @@ struct Inner {
 }
 
 struct Desk {
-    queue: VecDeque<Lease>,
+    /// What renders the leases that come; `None` while no job is ready.
+    job: Option<Arc<JobTracer>>,
+    queue: VecDeque<(Lease, Arc<JobTracer>)>,
     running: usize,
     /// Those that are rendered now.
     at_work: Vec<Lease>,
@@ -50,15 +56,11 @@ struct Desk {
 }
 
 impl Foreman {
-    pub(crate) fn new(
-        pool: Arc<ThreadPool>,
-        tracer: Arc<dyn TileTracer>,
-        (format, transfer): (PixelFormat, Transfer),
-        out: mpsc::Sender<WorkerMessage>,
-    ) -> Self {
+    pub(crate) fn new(pool: Arc<ThreadPool>, out: mpsc::Sender<WorkerMessage>) -> Self {
         let at_once = if pool.current_num_threads() > 1 { 2 } else { 1 };
         let now = Instant::now();
         let desk = Mutex::new(Desk {
+            job: None,
             queue: VecDeque::new(),
             running: 0,
             at_work: Vec::new(),
@@ -66,16 +68,26 @@ impl Foreman {
             last_end: now,
             last_sent: now,
         });
-        Self(Arc::new(Inner { pool, tracer, format, transfer, at_once, out, desk }))
+        Self(Arc::new(Inner { pool, at_once, out, desk }))
     }
 
-    /// Adds a lease to the queue; false where that holds too many.
+    /// Renders by `job` what comes from now on; without one, nothing may come. Gives the leases of the job before
+    /// that were not begun.
+    pub(crate) fn turn_to(&self, job: Option<JobTracer>) -> Vec<Lease> {
+        let mut desk = self.0.desk();
+        if job.is_some() {
+            // The time that preparing took was not spent waiting for leases.
+            desk.last_end = Instant::now();
+        }
+        desk.job = job.map(Arc::new);
+        desk.queue.drain(..).map(|(lease, _)| lease).collect()
+    }
+
+    /// Adds a lease to the queue; false where that holds too many, or no job is ready.
     pub(crate) fn take(&self, lease: Lease) -> bool {
         let mut desk = self.0.desk();
-        if desk.queue.len() >= MAX_LEASES {
-            return false;
-        }
-        desk.queue.push_back(lease);
+        let Some(job) = desk.job.clone().filter(|_| desk.queue.len() < MAX_LEASES) else { return false };
+        desk.queue.push_back((lease, job));
         if desk.running < self.0.at_once {
             desk.running += 1;
             let inner = self.0.clone();
@@ -94,13 +106,13 @@ impl Foreman {
     /// Takes a lease off the queue, if it has not begun.
     pub(crate) fn revoke(&self, lease: LeaseId) -> Option<Lease> {
         let mut desk = self.0.desk();
-        let at = desk.queue.iter().position(|l| l.id == lease)?;
-        desk.queue.remove(at)
+        let at = desk.queue.iter().position(|(l, _)| l.id == lease)?;
+        desk.queue.remove(at).map(|(lease, _)| lease)
     }
 
     /// Takes everything off the queue.
     pub(crate) fn clear(&self) -> Vec<Lease> {
-        self.0.desk().queue.drain(..).collect()
+        self.0.desk().queue.drain(..).map(|(lease, _)| lease).collect()
     }
 
     /// Whether nothing is being rendered or delivered.
@@ -117,9 +129,9 @@ impl Inner {
     /// Renders from the queue until it is empty or nobody wants the results.
     fn run(&self) {
         loop {
-            let (lease, start, idle) = {
+            let (lease, job, start, idle) = {
                 let mut desk = self.desk();
-                let Some(lease) = desk.queue.pop_front().filter(|_| !self.out.is_closed()) else {
+                let Some((lease, job)) = desk.queue.pop_front().filter(|_| !self.out.is_closed()) else {
                     desk.running -= 1;
                     return;
                 };
@@ -127,9 +139,9 @@ impl Inner {
                 desk.at_work.push(lease);
                 let before = desk.last_end.max(desk.last_sent).min(start);
                 let idle = if desk.running == 1 { start - before } else { Duration::ZERO };
-                (lease, start, idle)
+                (lease, job, start, idle)
             };
-            let kind = match self.render(&lease) {
+            let kind = match render(&job, &lease) {
                 Ok((pixels, error, rays)) => {
                     let pixels = pixel_bytes(&pixels);
                     let mut desk = self.desk();
@@ -155,26 +167,27 @@ impl Inner {
             self.desk().last_sent = Instant::now();
         }
     }
+}
 
-    fn render(&self, lease: &Lease) -> Result<(Pixels, ErrorEstimate, RayCounts), String> {
-        let render = || match lease.pass {
-            Some(pass) => self.tracer.render_pass(lease.region, pass),
-            None => self.tracer.render(lease.region),
-        };
-        let (tile, rays) = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
-            let said = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
-            let said = said.or_else(|| panic.downcast_ref::<String>().cloned());
-            format!("the tracer stopped: {}", said.unwrap_or_default())
-        })?;
-        if tile.region != lease.region || tile.pixels.len() as u64 != lease.region.area() {
-            return Err("the tracer rendered something else".into());
-        }
-        if !tile.pixels.as_flattened().iter().all(|c| c.is_finite()) {
-            return Err("a pixel is not finite".into());
-        }
-        let error = tile.error;
-        Ok((encode_tile(tile, self.format, self.transfer), error, rays))
+/// Renders one tile; a panic of the tracer is its cause of failure.
+fn render(job: &JobTracer, lease: &Lease) -> Result<(Pixels, ErrorEstimate, RayCounts), String> {
+    let render = || match lease.pass {
+        Some(pass) => job.tracer.render_pass(lease.region, pass),
+        None => job.tracer.render(lease.region),
+    };
+    let (tile, rays) = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
+        let said = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+        let said = said.or_else(|| panic.downcast_ref::<String>().cloned());
+        format!("the tracer stopped: {}", said.unwrap_or_default())
+    })?;
+    if tile.region != lease.region || tile.pixels.len() as u64 != lease.region.area() {
+        return Err("the tracer rendered something else".into());
     }
+    if !tile.pixels.as_flattened().iter().all(|c| c.is_finite()) {
+        return Err("a pixel is not finite".into());
+    }
+    let error = tile.error;
+    Ok((encode_tile(tile, job.format, job.transfer), error, rays))
 }
 
 /// A tile's pixels as they travel.
@@ -215,8 +228,10 @@ mod tests {
         let held = Arc::new(Mutex::new(()));
         let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
         let (out, mut delivered) = mpsc::channel(1);
-        let form = (PixelFormat::Rgb8, Transfer::Linear);
-        let foreman = Foreman::new(pool, Arc::new(Held(held.clone())), form, out);
+        let foreman = Foreman::new(pool, out);
+        assert!(!foreman.take(lease(0)), "no job is ready");
+        let (format, transfer) = (PixelFormat::Rgb8, Transfer::Linear);
+        foreman.turn_to(Some(JobTracer { tracer: Arc::new(Held(held.clone())), format, transfer }));
         let hold = held.lock().unwrap();
         let taken = (0..2 * MAX_LEASES as u64).take_while(|&n| foreman.take(lease(n))).count();
         assert!((MAX_LEASES..MAX_LEASES + 2).contains(&taken), "{taken}");

@@ -34,7 +34,7 @@ pub(super) struct Stitched {
 }
 
 /// The picture to come.
-type Given = oneshot::Receiver<Result<Stitched, RenderError>>;
+pub(super) type Stitcher = oneshot::Receiver<Result<Stitched, RenderError>>;
 
 /// The picture in the making.
 struct Picture {
@@ -83,7 +83,7 @@ pub(super) fn start(
     whole: Region,
     format: PixelFormat,
     journal: Option<File>,
-) -> io::Result<(mpsc::Sender<Stitch>, Given)> {
+) -> io::Result<(mpsc::Sender<Stitch>, Stitcher)> {
     let (sender, mut tiles) = mpsc::channel::<Stitch>(WAITING);
     let (give, given) = oneshot::channel();
     let mut stitch = move || {

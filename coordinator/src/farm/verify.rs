@@ -13,7 +13,7 @@ use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::settings::Pass;
 use tessera_proto::convert::{Lease, TileDone};
 use tessera_proto::identity::WorkerId;
-use tessera_proto::{Attempt, LeaseId, PassNumber};
+use tessera_proto::{Attempt, JobNumber, LeaseId, PassNumber};
 
 use crate::scheduler::WorkerKey;
 
@@ -101,10 +101,19 @@ pub(super) struct Verify {
 }
 
 impl Verify {
-    /// Draws that `share` of the tiles, 0 to 1.
-    pub(super) fn new(share: f64, seed: [u8; 32]) -> Self {
+    /// Draws that `share` of the tiles of `job`, 0 to 1.
+    pub(super) fn new(share: f64, seed: [u8; 32], job: JobNumber) -> Self {
         let (open, delivered) = (BTreeMap::new(), HashMap::new());
-        Self { share, seed, drawn: 0, next: CHECK, open, delivered, made: Vec::new(), before: Vec::new() }
+        Self {
+            share,
+            seed,
+            drawn: 0,
+            next: CHECK | job.lease(0).0,
+            open,
+            delivered,
+            made: Vec::new(),
+            before: Vec::new(),
+        }
     }
 
     /// Whether anything is checked.
@@ -305,7 +314,7 @@ mod tests {
 
     #[test]
     fn who_agrees_confirms_and_nothing_is_taken_back() {
-        let mut verify = Verify::new(1.0, [0; 32]);
+        let mut verify = Verify::new(1.0, [0; 32], JobNumber(0));
         let (_, lease) = checked(&mut verify, 7);
         let closed = verify.answered(lease, TWO, sum(7)).unwrap();
         assert_eq!((closed.checker, closed.liars.len(), verify.is_waiting()), (Some(TWO), 0, false));
@@ -315,7 +324,7 @@ mod tests {
     #[test]
     fn this_process_decides_who_lied_the_maker_the_checker_or_both() {
         for (own, liars) in [(7, vec![TWO]), (8, vec![ONE]), (9, vec![ONE, TWO])] {
-            let mut verify = Verify::new(1.0, [0; 32]);
+            let mut verify = Verify::new(1.0, [0; 32], JobNumber(0));
             let (check, lease) = checked(&mut verify, 7);
             assert!(verify.answered(lease, TWO, sum(8)).is_none());
             assert!(matches!(verify.assign(check, &BOTH), Some(Assigned::Here { .. })));
@@ -333,7 +342,7 @@ mod tests {
 
     #[test]
     fn where_no_other_can_this_process_checks() {
-        let mut verify = Verify::new(1.0, [0; 32]);
+        let mut verify = Verify::new(1.0, [0; 32], JobNumber(0));
         let alone = verify.accepted(ONE, region(0), None, &tile(7)).unwrap();
         assert!(matches!(verify.assign(alone, &BOTH[..1]), Some(Assigned::Here { .. })));
         let closed = verify.decided(alone, Some(sum(7))).unwrap();
@@ -345,7 +354,7 @@ mod tests {
 
     #[test]
     fn the_first_tiles_of_each_are_checked_and_then_the_share() {
-        let mut verify = Verify::new(0.05, [3; 32]);
+        let mut verify = Verify::new(0.05, [3; 32], JobNumber(0));
         let drawn = |verify: &mut Verify, id, n| {
             (0..n).filter(|&i| verify.accepted(id, region(i), None, &tile(0)).is_some()).count()
         };
@@ -353,6 +362,6 @@ mod tests {
         let share = drawn(&mut verify, ONE, 20_000);
         assert!((800..1200).contains(&share), "{share}");
         assert_eq!(drawn(&mut verify, TWO, FIRST), FIRST as usize);
-        assert!(Verify::new(0.0, [0; 32]).accepted(ONE, region(0), None, &tile(0)).is_none());
+        assert!(Verify::new(0.0, [0; 32], JobNumber(0)).accepted(ONE, region(0), None, &tile(0)).is_none());
     }
 }

@@ -72,7 +72,7 @@ use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::settings::Pass;
-use tessera_proto::{Attempt, InstanceId, LeaseId, PassNumber};
+use tessera_proto::{Attempt, InstanceId, JobNumber, LeaseId, PassNumber};
 
 use blame::{Loss, Strike};
 use crowd::{Crowd, Place};
@@ -238,6 +238,16 @@ impl Scheduler {
     pub(crate) fn begin_first(&mut self, pass: Option<Pass>, regions: Vec<Region>) {
         self.begin(pass, regions, 1.0);
         self.number = PassNumber(0);
+    }
+
+    /// Gives out leases of `job`; those of the first job are numbered so from the beginning.
+    pub(crate) fn number_leases(&mut self, job: JobNumber) {
+        self.next_lease = job.lease(self.next_lease).0;
+    }
+
+    /// Whether nothing is left to be cut: whoever has nothing to do will hardly get anything in this pass.
+    pub(crate) fn is_running_out(&self) -> bool {
+        self.cutter.pixels_left() == 0 && self.wanted.is_empty()
     }
 
     /// Leaves it to its owner to say when a pass is complete: what is done may have to be done again.

@@ -1,4 +1,4 @@
-//! The driver's part in [verification](crate::farm::verify): who renders a tile again, and what becomes of liars.
+//! A job's part in [verification](crate::farm::verify): who renders a tile again, and what becomes of liars.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -12,7 +12,7 @@ use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::{LeaseId, PixelFormat};
 use worker::Studio;
 
-use super::{Driver, Ended};
+use super::{Ended, Note, Run};
 use crate::farm::service::Heard;
 use crate::farm::stitch::Stitch;
 use crate::farm::verify::{Assigned, Closed, Sum, Verify, sum_of};
@@ -69,10 +69,10 @@ impl OwnCore {
     }
 }
 
-impl Driver {
+impl Run {
     /// A tile was accepted: another is to confirm it, where that is drawn.
     pub(super) fn verify(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
-        let Some(maker) = self.seats.get(&worker).map(|s| s.id) else { return };
+        let Some(maker) = self.members.get(&worker).map(|m| m.id) else { return };
         if let Some(check) = self.verify.accepted(maker, region, self.passes.detail(), done) {
             self.assign(check);
         }
@@ -80,12 +80,12 @@ impl Driver {
 
     /// Has a tile rendered again.
     fn assign(&mut self, check: u64) {
-        let ready: Vec<_> = self.seats.iter().filter(|(_, s)| s.ready).map(|(&k, s)| (k, s.id)).collect();
+        let ready: Vec<_> = self.members.iter().filter(|(_, m)| m.ready).map(|(&k, m)| (k, m.id)).collect();
         match self.verify.assign(check, &ready) {
             Some(Assigned::To(worker, lease)) => self.say(worker, Kind::Lease(lease.into())),
             Some(Assigned::Here { check, region, pass }) => {
                 if let Some(core) = self.own_core.take() {
-                    self.own = Some(core.start(self.door.heard.clone()));
+                    self.own = Some(core.start(self.heard_by.clone()));
                 }
                 if self.own.as_ref().is_none_or(|own| own.send((check, region, pass)).is_err()) {
                     self.verify.decided(check, None);
@@ -105,7 +105,7 @@ impl Driver {
     /// A worker did not render a check's tile.
     pub(super) fn check_failed(&mut self, worker: WorkerKey, lease: LeaseId) -> Ended {
         if self.verify.region_of(worker, lease).is_some()
-            && let Some(id) = self.seats.get(&worker).map(|s| s.id)
+            && let Some(id) = self.members.get(&worker).map(|m| m.id)
         {
             self.verify.failed(lease, id);
             self.assign(lease.0);
@@ -115,7 +115,7 @@ impl Driver {
 
     /// A worker rendered a tile again.
     pub(super) async fn check_answered(&mut self, worker: WorkerKey, done: TileDone) -> Ended {
-        let id = self.seats.get(&worker).map(|s| s.id)?;
+        let id = self.members.get(&worker).map(|m| m.id)?;
         let Some(region) = self.verify.region_of(worker, done.lease) else {
             // Nobody waits for it any more.
             return None;
@@ -180,6 +180,7 @@ impl Driver {
         self.verification.thrown_out.push(name);
         self.verification.redone += now.len() as u64;
         self.roster.ban(liar, rule.clone());
+        self.notes.push(Note::Ban { id: liar, rule: rule.clone() });
         for made in now.iter().chain(&before) {
             // Not a pixel of it is to be in the picture, whatever comes now.
             if self.tiles.send(Stitch::Take(made.region)).await.is_err() {
@@ -199,7 +200,7 @@ impl Driver {
             }
         });
         self.scheduler.redo(regions);
-        let session = self.seats.iter().find(|(_, s)| s.id == liar).map(|(&worker, _)| worker);
+        let session = self.members.iter().find(|(_, m)| m.id == liar).map(|(&worker, _)| worker);
         match session {
             Some(worker) => self.tell(Event::Broke { worker, rule }, None).await,
             None => None,
