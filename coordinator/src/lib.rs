@@ -7,6 +7,7 @@ pub mod journal;
 pub mod measure;
 mod plan;
 pub mod povray;
+mod queue;
 mod scheduler;
 
 pub use farm::{Farm, Timing, render};
@@ -15,4 +16,5 @@ pub use job::{
     Unfinished, Verification, WorkerStats,
 };
 pub use plan::{Forecast, Goal};
+pub use queue::{Keep, Orders, Queue, StoreError};
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -27,3 +27,9 @@ pub mod wire {
 pub mod journal {
     include!(concat!(env!("OUT_DIR"), "/journal/tessera.journal.v1.rs"));
 }
+
+/// What is generated from `control.proto`, documented there.
+#[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated; control.proto is its documentation")]
+pub mod control {
+    include!(concat!(env!("OUT_DIR"), "/control/tessera.control.v1.rs"));
+}

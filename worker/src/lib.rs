@@ -30,6 +30,7 @@ pub use backoff::Backoff;
 pub use error::WorkerError;
 pub use memory::{Bytes, default_limit};
 pub use render::encode_tile;
+pub use session::{Credentials, dial};
 pub use studio::{Exact, Studio, TileTracer};
 
 use cache::SceneCache;

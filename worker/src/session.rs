@@ -26,11 +26,11 @@ use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Request, Status, Streaming};
 
-use crate::Config;
 use crate::cache::SceneCache;
 use crate::heart::beat;
 use crate::prepare::{Prepared, Preparing};
 use crate::render::Foreman;
+use crate::{Access, Address, Config};
 
 /// Bytes of a scene on their way at most: an ocean away, a smaller window would be the limit.
 const WINDOW: u32 = 16 << 20;
@@ -124,32 +124,14 @@ impl Session {
     }
 
     async fn dial(&self) -> Result<Channel, Outcome> {
-        // A name may come to be known later, as its machine does.
-        self.config.connect.resolve().await.map_err(|e| Outcome::Lost(e.to_string()))?;
-        let endpoint = Endpoint::from_shared(format!("http://{}", self.config.connect))
-            .map_err(|e| Outcome::Refused(e.to_string()))?
-            .connect_timeout(REGISTER_WITHIN)
-            .http2_keep_alive_interval(KEEPALIVE_INTERVAL)
-            .keep_alive_timeout(KEEPALIVE_TIMEOUT)
-            .keep_alive_while_idle(true)
-            .initial_stream_window_size(WINDOW)
-            .initial_connection_window_size(WINDOW);
-        let (access, to) = (self.config.access.clone(), self.config.connect.clone());
-        let connect = tower::service_fn(move |_| {
-            let (access, to) = (access.clone(), to.clone());
-            async move { access.connect(&to).await.map(TokioIo::new) }
-        });
-        endpoint.connect_with_connector(connect).await.map_err(|e| {
-            // What lies deepest, said by the operating system or of the other side, is what people know.
-            let deepest = std::iter::successors(e.source(), |&e| e.source()).last();
-            let cause = deepest.map_or_else(|| e.to_string(), ToString::to_string);
-            Outcome::Lost(format!("cannot connect: {}", cause.split(" (os error").next().unwrap_or_default()))
-        })
+        let endpoint =
+            |endpoint: Endpoint| endpoint.initial_stream_window_size(WINDOW).initial_connection_window_size(WINDOW);
+        dial(&self.config.access, &self.config.connect, endpoint).await.map_err(Outcome::Lost)
     }
 
     /// What calls over `channel`.
     fn client(&self, channel: Channel) -> Client {
-        FarmClient::with_interceptor(channel, Credentials(self.config.access.authorization()))
+        FarmClient::with_interceptor(channel, Credentials::of(&self.config.access))
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
@@ -189,9 +171,43 @@ impl Session {
     }
 }
 
+/// Connects to a coordinator over HTTP/2, and keeps asking whether it is there.
+///
+/// # Errors
+/// Why there is no connection, in people's words.
+pub async fn dial(access: &Access, to: &Address, tune: impl FnOnce(Endpoint) -> Endpoint) -> Result<Channel, String> {
+    // A name may come to be known later, as its machine does.
+    to.resolve().await.map_err(|e| e.to_string())?;
+    let endpoint = Endpoint::from_shared(format!("http://{to}"))
+        .map_err(|e| e.to_string())?
+        .connect_timeout(REGISTER_WITHIN)
+        .http2_keep_alive_interval(KEEPALIVE_INTERVAL)
+        .keep_alive_timeout(KEEPALIVE_TIMEOUT)
+        .keep_alive_while_idle(true);
+    let (access, to) = (access.clone(), to.clone());
+    let connect = tower::service_fn(move |_| {
+        let (access, to) = (access.clone(), to.clone());
+        async move { access.connect(&to).await.map(TokioIo::new) }
+    });
+    tune(endpoint).connect_with_connector(connect).await.map_err(|e| {
+        // What lies deepest, said by the operating system or of the other side, is what people know.
+        let deepest = std::iter::successors(e.source(), |&e| e.source()).last();
+        let cause = deepest.map_or_else(|| e.to_string(), ToString::to_string);
+        format!("cannot connect: {}", cause.split(" (os error").next().unwrap_or_default())
+    })
+}
+
 /// Puts the secret into every call.
 #[derive(Clone, Debug)]
-pub(crate) struct Credentials(Option<MetadataValue<Ascii>>);
+pub struct Credentials(Option<MetadataValue<Ascii>>);
+
+impl Credentials {
+    /// Those of `access`.
+    #[must_use]
+    pub fn of(access: &Access) -> Self {
+        Self(access.authorization())
+    }
+}
 
 impl tonic::service::Interceptor for Credentials {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {

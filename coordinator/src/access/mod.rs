@@ -121,6 +121,8 @@ pub(crate) struct Guarded {
     pub(crate) pin: Pin,
     /// `None` where certificates are asked for instead.
     token: Option<TokenSource>,
+    /// What lets users of a farm that stays in; `None` where there are none.
+    user: Option<TokenFile>,
 }
 
 enum TokenSource {
@@ -157,7 +159,7 @@ impl Access {
         let token = token.unwrap_or_else(|| TokenFrom::File(state.token_path()));
         let token = TokenSource::open(token, authority.pin())?;
         let tls = server_config(chain, key, Arc::new(NoClientAuth))?;
-        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin: authority.pin(), token: Some(token) })) })
+        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin: authority.pin(), token: Some(token), user: None })) })
     }
 
     /// By certificates of one's own: with authorities for workers these need a certificate, else the token.
@@ -172,7 +174,7 @@ impl Access {
             let place = || state.map(|s| TokenFrom::File(s.token_path_for(pin))).ok_or(AccessError::NoHome);
             let token = TokenSource::open(token.map_or_else(place, Ok)?, pin)?;
             let tls = server_config(chain, key, Arc::new(NoClientAuth))?;
-            return Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: Some(token) })) });
+            return Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: Some(token), user: None })) });
         };
         let mut roots = RootCertStore::empty();
         for certificate in certificates(authorities)? {
@@ -186,7 +188,7 @@ impl Access {
             .build()
             .map_err(|e| AccessError::Tls(e.to_string()))?;
         let tls = server_config(chain, key, verifier)?;
-        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: None })) })
+        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: None, user: None })) })
     }
 
     /// The token that lets workers in, where there is one.
@@ -194,6 +196,25 @@ impl Access {
     pub fn token(&self) -> Option<Token> {
         let guard = self.guard.as_ref()?;
         Some(Token { pin: guard.pin, secret: guard.token.as_ref()?.secret() })
+    }
+
+    /// Also lets users in who have the users' token in this file, which is made on first use. Where nothing is asked
+    /// for, nothing is asked of users either.
+    ///
+    /// # Errors
+    /// When it cannot be read or written, or is of another farm.
+    pub fn with_users(self, path: PathBuf) -> Result<Self, AccessError> {
+        let Some(guard) = self.guard else { return Ok(self) };
+        let user = Some(TokenFile::open(path, guard.pin)?);
+        let guard = Arc::try_unwrap(guard).map_err(|_| AccessError::Tls("it is in use already".into()))?;
+        Ok(Self { guard: Some(Arc::new(Guarded { user, ..guard })) })
+    }
+
+    /// The users' token, where there is one.
+    #[must_use]
+    pub fn user_token(&self) -> Option<Token> {
+        let guard = self.guard.as_ref()?;
+        Some(Token { pin: guard.pin, secret: guard.user.as_ref()?.secret() })
     }
 
     /// Whether anything is asked for.
@@ -216,6 +237,13 @@ impl Guarded {
     /// Whether this is the farm's secret now.
     pub(crate) fn admits(&self, secret: &Secret) -> bool {
         self.token.as_ref().is_some_and(|t| t.secret() == *secret)
+    }
+}
+
+impl Guarded {
+    /// Whether this is the users' secret now.
+    pub(crate) fn admits_user(&self, secret: &Secret) -> bool {
+        self.user.as_ref().is_some_and(|t| t.secret() == *secret)
     }
 }
 

@@ -12,6 +12,9 @@ const AUTHORITY: &str = "authority.pem";
 /// The workers' token.
 const TOKEN: &str = "token";
 
+/// The users' token.
+const USER_TOKEN: &str = "user-token";
+
 /// The folder in which the farm keeps its keys and secrets.
 #[derive(Clone, Debug)]
 pub struct State {
@@ -41,6 +44,29 @@ impl State {
         self.folder.join(TOKEN)
     }
 
+    /// Where the users' token is.
+    #[must_use]
+    pub fn user_token_path(&self) -> PathBuf {
+        self.folder.join(USER_TOKEN)
+    }
+
+    /// The users' token; made on first use.
+    ///
+    /// # Errors
+    /// When it cannot be read or written.
+    pub fn user_token(&self) -> Result<Token, AccessError> {
+        let pin = self.authority()?.pin();
+        Ok(Token { pin, secret: TokenFile::open(self.user_token_path(), pin)?.secret() })
+    }
+
+    /// Makes another users' token. The one before lets nobody in any more.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn renew_user_token(&self) -> Result<Token, AccessError> {
+        self.renew(&self.user_token_path())
+    }
+
     /// Where the token for a certificate that is not the authority's is.
     pub(crate) fn token_path_for(&self, pin: Pin) -> PathBuf {
         self.folder.join(format!("{TOKEN}-{pin:?}"))
@@ -60,9 +86,12 @@ impl State {
     /// # Errors
     /// When it cannot be written.
     pub fn renew_token(&self) -> Result<Token, AccessError> {
+        self.renew(&self.token_path())
+    }
+
+    fn renew(&self, path: &Path) -> Result<Token, AccessError> {
         let token = Token { pin: self.authority()?.pin(), secret: Secret::new()? };
-        let (path, text) = (self.token_path(), token.reveal() + "\n");
-        write_secret(&path, &text, |file| file.persist(&path).map_err(|e| e.error))?;
+        write_secret(path, &(token.reveal() + "\n"), |file| file.persist(path).map_err(|e| e.error))?;
         Ok(token)
     }
 

@@ -6,8 +6,11 @@ use std::time::Duration;
 use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+use coordinator::Keep;
 use tessera_core::film::Region;
 use tessera_core::settings::{Quality, Settings, Transfer};
+
+use worker::Address;
 
 use super::access::{AccessFlags, PictureFlags, TokenCommand};
 
@@ -41,6 +44,31 @@ pub(crate) enum Command {
     /// Render a scene to a picture
     #[command(after_help = RENDER_EXAMPLES, after_long_help = RENDER_MORE)]
     Render(Box<Render>),
+    /// Keep a farm that stays: jobs come and go, workers and what is done stay
+    #[command(after_help = "Examples:\n  \
+        coordinator serve --state ~/farm                        for this machine alone\n  \
+        coordinator serve --state ~/farm --listen 0.0.0.0:4747  for a network; it prints what to type elsewhere\n  \
+        coordinator serve --state ~/farm --workers 2            this machine renders, too\n\n\
+        Ctrl-C stops it, and so may anything else: started again, it goes on where it was.")]
+    Serve(Serve),
+    /// Hand scenes to a farm that stays; prints the jobs' numbers
+    #[command(after_help = "Examples:\n  \
+        coordinator submit scene.xml --farm big-machine --size 1920x1080\n  \
+        coordinator submit frame-*.xml --farm big-machine --quality draft --wait\n  \
+        coordinator fetch $(coordinator submit scene.xml --farm big-machine --wait) -o scene.png --farm big-machine")]
+    Submit(Box<Submit>),
+    /// Say what a farm's jobs are at
+    Jobs(Jobs),
+    /// Say what a farm's workers are at
+    Workers(Workers),
+    /// Render a job no more until it is resumed; what is done is kept
+    Pause(ChangeJob),
+    /// Go on with a job that is paused, or that failed
+    Resume(ChangeJob),
+    /// Give a job up
+    Cancel(ChangeJob),
+    /// Write the picture of a farm's job
+    Fetch(Fetch),
     /// Validate a scene and say what is in it
     #[command(after_help = "Examples:\n  \
         coordinator check scene.xml\n  \
@@ -73,6 +101,9 @@ pub(crate) enum Command {
     Token {
         #[command(subcommand)]
         command: Option<TokenCommand>,
+        /// The token of the users of a farm that stays, which lets no worker in
+        #[arg(long, global = true)]
+        user: bool,
     },
     /// Print a script that completes this program's commands and flags in a shell
     #[command(after_help = "Examples:\n  \
@@ -124,20 +155,9 @@ const RENDER_MORE: &str = "Examples:\n  \
     A first Ctrl-C stops and keeps what is done, a second one leaves at once. The same command goes on where \
     any of these ended it, or a crash, from what is kept in OUTPUT.journal.";
 
-/// Flags of `render`.
-#[derive(Debug, ClapArgs)]
-pub(crate) struct Render {
-    /// Scene to render
-    pub(crate) scene: PathBuf,
-    #[command(flatten)]
-    pub(crate) pictures: PictureFlags,
-
-    /// Picture to write: .png, .ppm (P6), .pfm or .exr [default: the scene's name with .png, in the current folder]
-    #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
-    pub(crate) output: Option<PathBuf>,
-    /// Bits of each colour in PNG and PPM files
-    #[arg(long, value_name = "8|16", default_value = "8", value_parser = ["8", "16"], help_heading = "Picture")]
-    pub(crate) bits: String,
+/// What is rendered, and how well.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct ViewFlags {
     /// Pixels across and down
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size, allow_hyphen_values = true, help_heading = "Picture")]
     pub(crate) size: (u32, u32),
@@ -174,6 +194,152 @@ pub(crate) struct Render {
     #[arg(long, value_name = "KIND", default_value = "grid", requires = "samples", help_heading = "Accuracy")]
     pub(crate) pattern: PatternArg,
 
+    /// Share of the tiles that are rendered a second time elsewhere and compared: 5%, 1/20, all; the first two of every worker too
+    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = super::verification::share, help_heading = "Farm")]
+    pub(crate) verify: f64,
+    /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
+    pub(crate) tile: TileArg,
+}
+
+/// Where a farm that stays is, and how to be let in.
+#[derive(Clone, Debug, Default, ClapArgs)]
+pub(crate) struct FarmFlags {
+    /// The farm: HOST[:PORT], or PORT for one on this machine [default: what TESSERA_FARM holds]
+    #[arg(long, value_name = "HOST[:PORT]", help_heading = "Farm")]
+    pub(crate) farm: Option<Address>,
+    /// File that holds the users' token [default: what TESSERA_TOKEN holds, or this user's own]
+    #[arg(long, value_name = "FILE", help_heading = "Farm", id = "user_token_file")]
+    pub(crate) user_token: Option<PathBuf>,
+}
+
+/// Flags of `serve`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Serve {
+    /// Folder where jobs, scenes and pictures are kept; it is made where it is missing
+    #[arg(long, value_name = "DIR")]
+    pub(crate) state: PathBuf,
+    /// Where workers and users are awaited: HOST[:PORT] or PORT
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:4747")]
+    pub(crate) listen: String,
+    /// Keep finished jobs for so long (30d), or pictures of so many bytes together (20G); none goes in its first day that nobody fetched [default: all of them]
+    #[arg(long, value_name = "SIZE|D")]
+    pub(crate) keep: Option<Keep>,
+    /// Workers started inside this process
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=256))]
+    pub(crate) workers: u16,
+    /// Threads of all workers in this process together [default: one a core]
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Where the users' token is kept; made on first use [default: in the user's state folder]
+    #[arg(long, value_name = "FILE", help_heading = "Farm")]
+    pub(crate) user_token_file: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) access: AccessFlags,
+}
+
+/// Flags of `submit`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Submit {
+    /// Scenes to render, each a job
+    #[arg(required = true)]
+    pub(crate) scenes: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) pictures: PictureFlags,
+    #[command(flatten)]
+    pub(crate) view: ViewFlags,
+    /// What is kept of each colour: what is fetched as .png or .ppm of so many bits, or floats, which make any picture
+    #[arg(long, value_name = "8|16|float", default_value = "float", value_parser = ["8", "16", "float"], help_heading = "Picture")]
+    pub(crate) bits: String,
+    /// Name of the job [default: the scene's]
+    #[arg(long, value_name = "TEXT", help_heading = "Job")]
+    pub(crate) name: Option<String>,
+    /// Whose job it is: workers are split between owners evenly [default: this user]
+    #[arg(long, value_name = "NAME", help_heading = "Job")]
+    pub(crate) owner: Option<String>,
+    /// Of an owner's jobs, those of a higher priority come first: -1000 to 1000
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(i32).range(-1000..=1000), allow_hyphen_values = true, help_heading = "Job")]
+    pub(crate) priority: i32,
+    /// Wait until all are done
+    #[arg(long, help_heading = "Job")]
+    pub(crate) wait: bool,
+    #[command(flatten)]
+    pub(crate) farm: FarmFlags,
+}
+
+/// Flags of `jobs`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Jobs {
+    /// Only this one
+    pub(crate) id: Option<u64>,
+    /// Say it again whenever it changed, until all are done
+    #[arg(long)]
+    pub(crate) watch: bool,
+    /// Print JSON for machines instead of text
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) farm: FarmFlags,
+}
+
+/// Flags of `workers`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Workers {
+    /// Print JSON for machines instead of text
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) farm: FarmFlags,
+}
+
+/// Flags of `pause`, `resume` and `cancel`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct ChangeJob {
+    /// The jobs' numbers
+    #[arg(required = true, value_name = "ID")]
+    pub(crate) ids: Vec<u64>,
+    #[command(flatten)]
+    pub(crate) farm: FarmFlags,
+}
+
+/// Flags of `fetch`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Fetch {
+    /// The job's number
+    pub(crate) id: u64,
+    /// Picture to write: .png, .ppm (P6), .pfm or .exr, as far as what is kept holds what it needs
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Bits of each colour in PNG and PPM files [default: as they are kept, or 8]
+    #[arg(long, value_name = "8|16", value_parser = ["8", "16"])]
+    pub(crate) bits: Option<String>,
+    /// Also a picture that is not whole, as far as it is
+    #[arg(long)]
+    pub(crate) partial: bool,
+    /// Colour of what is not there: #rrggbb [default: transparent in PNG files, else black]
+    #[arg(long, value_name = "COLOUR", value_parser = colour, requires = "partial")]
+    pub(crate) missing: Option<[u8; 3]>,
+    #[command(flatten)]
+    pub(crate) farm: FarmFlags,
+}
+
+/// Flags of `render`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Render {
+    /// Scene to render
+    pub(crate) scene: PathBuf,
+    #[command(flatten)]
+    pub(crate) pictures: PictureFlags,
+
+    /// Picture to write: .png, .ppm (P6), .pfm or .exr [default: the scene's name with .png, in the current folder]
+    #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
+    pub(crate) output: Option<PathBuf>,
+    /// Bits of each colour in PNG and PPM files
+    #[arg(long, value_name = "8|16", default_value = "8", value_parser = ["8", "16"], help_heading = "Picture")]
+    pub(crate) bits: String,
+    #[command(flatten)]
+    pub(crate) view: ViewFlags,
+
     /// Workers started inside this process [default: 2; with --listen, 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256), allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) workers: Option<u16>,
@@ -188,12 +354,9 @@ pub(crate) struct Render {
     pub(crate) wait_for_workers: Option<Duration>,
     #[command(flatten)]
     pub(crate) access: AccessFlags,
-    /// Share of the tiles that are rendered a second time elsewhere and compared: 5%, 1/20, all; the first two of every worker too
-    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = super::verification::share, help_heading = "Farm")]
-    pub(crate) verify: f64,
-    /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
-    pub(crate) tile: TileArg,
+    /// Have a farm that stays render it: HOST[:PORT], as 'coordinator serve' listens
+    #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["listen", "workers", "wait_for_workers", "tls_cert", "insecure", "restart", "journal"], help_heading = "Farm")]
+    pub(crate) farm: Option<Address>,
 
     /// Keep what is done in FILE, from where the same command goes on after whatever ended it; 'none' keeps nothing [default: OUTPUT.journal, as soon as a render takes 2 s; it goes when the picture is written]
     #[arg(long, value_name = "FILE|none", help_heading = "Going on")]

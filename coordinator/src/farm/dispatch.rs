@@ -48,8 +48,9 @@ struct Seat {
     pulse: Pulse,
     /// Its pulse when it was last looked at, and when that changed.
     felt: (u64, Instant),
-    /// Whether it will leave.
+    /// Whether it will leave, and whether that is since it was told to.
     draining: bool,
+    retired: bool,
     /// The job it renders for, and whether it was told so.
     job: Option<JobNumber>,
     told: bool,
@@ -84,10 +85,10 @@ pub(crate) enum Order {
     },
     /// Render it no more: what is done is kept.
     Stop(JobNumber),
-    /// It counts otherwise among the others.
-    Rank(JobNumber, Standing),
     /// Have a worker leave in order.
     Drain(String),
+    /// No job that is kept shows this scene.
+    Forget(SceneHash),
 }
 
 /// A worker as the farm's users see it.
@@ -264,11 +265,7 @@ impl Dispatcher {
                     self.share().await;
                 }
             }
-            Order::Rank(number, standing) => {
-                if let Some(active) = self.runs.get_mut(&number) {
-                    active.standing = standing;
-                }
-            }
+            Order::Forget(hash) => self.forget(hash),
             Order::Drain(name) => {
                 let worker = self.seats.iter().find(|(_, s)| s.name == name).map(|(&worker, _)| worker);
                 if let Some(worker) = worker {
@@ -297,19 +294,16 @@ impl Dispatcher {
 
     /// A job is over: nobody renders for it any more.
     fn free(&mut self, number: JobNumber) {
-        let hash = self.door.withdraw(number);
+        let _ = self.door.withdraw(number);
         for seat in self.seats.values_mut() {
             if seat.job == Some(number) {
                 seat.job = None;
             }
             seat.unable.remove(&number);
         }
-        if let Some(hash) = hash {
-            self.forget(hash);
-        }
     }
 
-    /// Tells workers that no job shows a scene any more. Others may come that do: it is for whoever knows to ask.
+    /// Tells workers that they need not keep a scene.
     fn forget(&mut self, hash: SceneHash) {
         if self.door.keeps(hash) {
             return;
@@ -382,6 +376,9 @@ impl Dispatcher {
             active.run.said(worker, said).await;
         }
         self.noted(number).await;
+        if self.seats.get(&worker).is_some_and(|s| s.retired) {
+            self.dismiss_retired(worker);
+        }
     }
 
     /// Takes in what happened in a job and is not of it alone.
@@ -548,7 +545,7 @@ impl Dispatcher {
     /// Has a worker leave in order: it renders what it has begun, and is then told that there is no more.
     async fn retire(&mut self, worker: WorkerKey) {
         let Some(seat) = self.seats.get_mut(&worker) else { return };
-        seat.draining = true;
+        (seat.draining, seat.retired) = (true, true);
         let job = seat.job.take();
         if let Some(active) = job.and_then(|n| self.runs.get_mut(&n)) {
             active.run.release(worker).await;

@@ -1,6 +1,7 @@
 //! A farm: it listens for workers, and has them render its jobs. [`Farm::render`] is a farm of one job;
 //! [`Farm::serve`] one whose jobs come and go.
 
+mod control;
 mod dispatch;
 mod gate;
 mod guard;
@@ -32,6 +33,8 @@ use worker::{LocalScene, TileTracer};
 
 use crate::access::{Access, Guarded};
 use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use crate::queue::{Orders, Queue};
+use control::Control;
 use dispatch::Dispatcher;
 use gate::Gate;
 use guard::GuardLayer;
@@ -39,6 +42,7 @@ use incoming::Doorway;
 use service::{Door, Heard, Service};
 use strangers::Strangers;
 
+pub(crate) use dispatch::{Order, Standing, WorkerView};
 pub use timing::Timing;
 
 /// What workers said and the driver has not heard yet: bounds memory, since every tile may be
@@ -95,6 +99,18 @@ impl Farm {
     /// # Errors
     /// [`RenderError::Listen`] when the address is taken or not of this machine.
     pub async fn bind_guarded(listen: ListenAddr, access: &Access) -> Result<Self, RenderError> {
+        Self::bind_for(listen, access, None).await
+    }
+
+    /// As [`Farm::bind_guarded`], and also answers the users of `queue`, for [`Farm::serve`].
+    ///
+    /// # Errors
+    /// [`RenderError::Listen`] when the address is taken or not of this machine.
+    pub async fn bind_serving(listen: ListenAddr, access: &Access, queue: &Queue) -> Result<Self, RenderError> {
+        Self::bind_for(listen, access, Some(queue.clone())).await
+    }
+
+    async fn bind_for(listen: ListenAddr, access: &Access, queue: Option<Queue>) -> Result<Self, RenderError> {
         let wanted = match listen {
             ListenAddr::Loopback => SocketAddr::from(([127, 0, 0, 1], 0)),
             ListenAddr::Socket(addr) => addr,
@@ -108,6 +124,7 @@ impl Farm {
         let door = Arc::new(Door::new(heard_by, gate.clone()).map_err(randomness)?);
         let guard = access.guard().cloned();
         let layer = GuardLayer { strangers: strangers.clone(), guard: guard.clone(), local: door.secret };
+        let control = queue.map(|queue| Control::new(queue, gate.clone()).into_server());
         let doorway = Doorway { gate, strangers: strangers.clone(), guard: guard.clone() };
         let closing = CancellationToken::new();
         let server = Server::builder()
@@ -119,6 +136,7 @@ impl Farm {
             .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
             .layer(layer)
             .add_service(Service(door.clone()).into_server())
+            .add_optional_service(control)
             .serve_with_incoming_shutdown(
                 incoming::accept(listener, doorway, closing.clone()),
                 closing.clone().cancelled_owned(),
@@ -176,6 +194,17 @@ impl Farm {
         let rendered = finished.rendered(strangers.total()).await;
         drop((server, hired, closing));
         rendered
+    }
+}
+
+impl Farm {
+    /// Renders what the queue orders until `cancel`; then every job ends as it is, and the workers are dismissed.
+    pub async fn serve(self, queue: &Queue, orders: Orders, cancel: CancellationToken) {
+        let Self { door, heard, server, closing, .. } = self;
+        let dispatcher = Dispatcher::new(door, heard, Timing::default(), 0);
+        queue.attach(dispatcher.views());
+        dispatcher.serve(orders.0, &cancel).await;
+        drop((server, closing));
     }
 }
 

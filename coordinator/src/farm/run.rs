@@ -34,7 +34,7 @@ use crate::job::{Progress, RenderError, RenderJob, Verification, WorkerStats};
 use crate::journal::{Found, Head, Sink};
 use crate::plan::Plan;
 use crate::scheduler::{self, CutOff, Effect, End, Event, Scheduler, WorkerKey};
-pub(super) use end::Finished;
+pub(crate) use end::Finished;
 use verification::{OwnCore, is_check};
 
 /// Between two looks at the pulses of workers.
@@ -93,7 +93,6 @@ pub(super) enum Note {
 
 /// See the [module](self).
 pub(super) struct Run {
-    pub(super) number: JobNumber,
     scheduler: Scheduler,
     heard_by: mpsc::Sender<Heard>,
     /// What pixels tiles must have.
@@ -177,7 +176,6 @@ impl Run {
         let own_core =
             OwnCore { scene: job.scene, settings: job.settings, format: job.pixels, threads: job.threads.max(1) };
         Ok(Self {
-            number,
             scheduler,
             heard_by,
             pixels: job.pixels,

@@ -71,6 +71,7 @@ impl Dispatcher {
             pulse,
             felt,
             draining: false,
+            retired: false,
             job: None,
             told: false,
             unable: BTreeSet::new(),

@@ -7,7 +7,7 @@ use crate::farm::stitch::Stitched;
 use crate::job::{RenderError, Rendered, Unfinished};
 
 /// A job of which nothing is leased any more; its picture may still be being stitched.
-pub(in crate::farm) struct Finished {
+pub(crate) struct Finished {
     run: Run,
     end: Result<(), RenderError>,
     at: Instant,
@@ -40,7 +40,7 @@ impl Finished {
     ///
     /// # Errors
     /// [`Unfinished`], with everything that was done until then.
-    pub(in crate::farm) async fn rendered(self, strangers: u64) -> Result<Rendered, Unfinished> {
+    pub(crate) async fn rendered(self, strangers: u64) -> Result<Rendered, Unfinished> {
         let Run { start, progress, passes, verification, region, stitcher, tiles, .. } = self.run;
         drop(tiles);
         let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
