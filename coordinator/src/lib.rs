@@ -9,8 +9,9 @@ mod plan;
 pub mod povray;
 mod queue;
 mod scheduler;
+pub mod web;
 
-pub use farm::{Farm, Timing, render};
+pub use farm::{Canvas, Farm, Timing, render};
 pub use job::{
     CheckedTile, Earlier, ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize,
     Unfinished, Verification, WorkerStats,

@@ -222,6 +222,9 @@ pub(crate) struct Serve {
     /// Where workers and users are awaited: HOST[:PORT] or PORT
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:4747")]
     pub(crate) listen: String,
+    /// Where the page and the interface for machines are, on this machine alone: 127.0.0.1:PORT, or 'none'
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080")]
+    pub(crate) http: String,
     /// Keep finished jobs for so long (30d), or pictures of so many bytes together (20G); none goes in its first day that nobody fetched [default: all of them]
     #[arg(long, value_name = "SIZE|D")]
     pub(crate) keep: Option<Keep>,

@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 
 use coordinator::access::{Access, State};
 use coordinator::{Farm, Queue};
+use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
@@ -50,6 +51,17 @@ async fn serve(raw: &Serve, threads: usize, console: &Console, stop: Cancellatio
     };
     console.say(&format!("submit jobs by: coordinator submit SCENE --farm {}{token}", named(addr)));
     let closed = CancellationToken::new();
+    let page = page(&raw.http).await?;
+    if let Some(page) = page {
+        let at = page.local_addr().map_err(|e| Failure::new(Exit::Failed, e))?;
+        console.say(&format!("the page is at http://{at}/"));
+        let (queue, closed) = (queue.clone(), closed.clone());
+        tokio::spawn(async move {
+            if let Err(e) = coordinator::web::serve(page, queue, closed).await {
+                tracing::error!("the page ended: {e}");
+            }
+        });
+    }
     let mut here = workers(raw, threads, addr, &access, &closed);
     {
         let served = farm.serve(&queue, orders, closed.clone());
@@ -70,6 +82,24 @@ async fn serve(raw: &Serve, threads: usize, console: &Console, stop: Cancellatio
     while here.join_next().await.is_some() {}
     console.say("the farm is closed; what is done is kept, and the same command goes on with it");
     Ok(Exit::Interrupted)
+}
+
+/// Listens for the page's readers.
+async fn page(http: &str) -> Result<Option<TcpListener>, Failure> {
+    if http == "none" {
+        return Ok(None);
+    }
+    let port_alone = !http.is_empty() && http.bytes().all(|b| b.is_ascii_digit());
+    let addr = if port_alone { format!("127.0.0.1:{http}") } else { http.to_owned() };
+    let wrong = |why: &dyn std::fmt::Display| Failure::usage(format!("--http {http}: {why}"));
+    let found = tokio::net::lookup_host(&addr).await.map_err(|e| wrong(&e))?.next();
+    let found = found.ok_or_else(|| wrong(&"no address"))?;
+    if !found.ip().to_canonical().is_loopback() {
+        return Err(wrong(&"the page is for this machine alone: take 127.0.0.1, and ssh -L to see it from elsewhere"));
+    }
+    let busy =
+        |e| Failure::new(Exit::Failed, format!("cannot listen on {found}: {e}; another place is given by --http"));
+    TcpListener::bind(found).await.map(Some).map_err(busy)
 }
 
 /// An address as others type it.

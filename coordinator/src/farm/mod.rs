@@ -1,6 +1,7 @@
 //! A farm: it listens for workers, and has them render its jobs. [`Farm::render`] is a farm of one job;
 //! [`Farm::serve`] one whose jobs come and go.
 
+mod canvas;
 mod control;
 mod dispatch;
 mod gate;
@@ -42,6 +43,8 @@ use incoming::Doorway;
 use service::{Door, Heard, Service};
 use strangers::Strangers;
 
+pub use canvas::Canvas;
+pub(crate) use canvas::{Seen, look};
 pub(crate) use dispatch::{Order, Standing, WorkerView};
 pub use timing::Timing;
 

@@ -120,6 +120,8 @@ pub(super) struct Run {
     pulse_at: Duration,
     last_cause: Option<String>,
     notes: Vec<Note>,
+    /// Whether somebody may look at the picture meanwhile.
+    is_watched: bool,
     end: Ended,
 }
 
@@ -165,7 +167,8 @@ impl Run {
         let clock = Clock { start, before: job.spent + found.as_ref().map_or(Duration::ZERO, |f| f.spent) };
         let (left, reader) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader)));
         let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
-        let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader).map_err(|e| internal(&e))?;
+        let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader, job.canvas.clone().unwrap_or_default())
+            .map_err(|e| internal(&e))?;
         let plan = Plan::new(job.goal, whole, job.region);
         let passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
         let seed = random().map_err(|e: NoRandomness| internal(&e))?;
@@ -197,6 +200,7 @@ impl Run {
             pulse_at: Duration::ZERO,
             last_cause: None,
             notes: Vec::new(),
+            is_watched: job.canvas.is_some(),
             end: None,
         })
     }
@@ -446,8 +450,9 @@ impl Run {
                     self.count(worker, region, done);
                     self.verify(worker, region, done);
                     let name = self.name(worker);
+                    let note = self.is_watched.then(|| self.note_of(region, done, &name));
                     let Some(first) = self.passes.accept(region, done, name) else { continue };
-                    let stitch = Stitch::New { region, pixels: done.pixels.clone(), first };
+                    let stitch = Stitch::New { region, pixels: done.pixels.clone(), first, note };
                     // Waits where stitching is slower than the farm; so, then, do the workers.
                     if self.tiles.send(stitch).await.is_err() {
                         end = Some(Err(RenderError::Internal("the stitcher stopped".into())));

@@ -121,8 +121,9 @@ impl Engine {
             self.finished.insert(key, job.id);
         }
         let mut entries = self.jobs.entries();
-        let progress = entries.get(&job.id).and_then(|e| e.progress.clone()).filter(|_| !is_final(job.state()));
-        entries.insert(job.id, Entry { job, progress });
+        let before = entries.remove(&job.id).filter(|_| !is_final(job.state()));
+        let (progress, canvas) = before.map_or((None, None), |e| (e.progress, e.canvas));
+        entries.insert(job.id, Entry { job, progress, canvas });
         drop(entries);
         self.jobs.changed.send_modify(|n| *n += 1);
     }
@@ -323,7 +324,7 @@ impl Engine {
         let Loaded { job, journal, scene } = loaded;
         let (progress, watched) = watch::channel(Progress::default());
         if let Some(entry) = self.jobs.entries().get_mut(&id) {
-            entry.progress = Some(watched);
+            (entry.progress, entry.canvas) = (Some(watched), job.canvas.clone());
         }
         let standing = self
             .job(id)
@@ -346,7 +347,7 @@ impl Engine {
         let Some(running) = self.running.remove(&id) else { return };
         self.jobs.numbers().remove(&running.number.0);
         if let Some(entry) = self.jobs.entries().get_mut(&id) {
-            entry.progress = None;
+            (entry.progress, entry.canvas) = (None, None);
         }
         let state = self.job(id).map_or(State::Cancelled, |j| j.state());
         match end.rendered {

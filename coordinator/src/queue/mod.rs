@@ -19,7 +19,7 @@ use tessera_proto::SceneHash;
 use tessera_proto::control::{self, Job, Spec, State};
 use tokio::sync::{Semaphore, oneshot, watch};
 
-use crate::farm::{Order, WorkerView};
+use crate::farm::{Canvas, Order, WorkerView};
 use crate::job::Progress;
 pub use keep::Keep;
 pub(crate) use spec::region_of;
@@ -80,6 +80,7 @@ struct Entry {
     job: Job,
     /// While it is rendered.
     progress: Option<watch::Receiver<Progress>>,
+    canvas: Option<Canvas>,
 }
 
 /// The queue, as those see it who ask something of it. Clones are the same queue.
@@ -189,9 +190,32 @@ impl Queue {
         self.0.jobs.changed.subscribe()
     }
 
-    /// How far a job is, while it is rendered.
-    pub(crate) fn progress(&self, id: u64) -> Option<watch::Receiver<Progress>> {
-        self.0.jobs.entries().get(&id)?.progress.clone()
+    /// A job's picture, while it is rendered.
+    pub(crate) fn canvas(&self, id: u64) -> Option<Canvas> {
+        self.0.jobs.entries().get(&id)?.canvas.clone()
+    }
+
+    /// The newest jobs, `most` of them, in the order in which they came.
+    pub(crate) fn latest(&self, most: usize) -> Vec<Job> {
+        let entries = self.0.jobs.entries();
+        let mut jobs: Vec<Job> = entries.values().rev().take(most).map(shown).collect();
+        jobs.reverse();
+        jobs
+    }
+
+    /// How many jobs there are in each state.
+    pub(crate) fn counts(&self) -> BTreeMap<&'static str, u64> {
+        let mut counts = BTreeMap::new();
+        for entry in self.0.jobs.entries().values() {
+            *counts.entry(state_name(entry.job.state())).or_default() += 1;
+        }
+        counts
+    }
+
+    /// How many workers there are.
+    pub(crate) fn worker_count(&self) -> usize {
+        let views = self.0.views.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        views.map_or(0, |views| views.borrow().len())
     }
 
     /// The farm's workers, and the numbers of the jobs they render for.

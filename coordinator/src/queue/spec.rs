@@ -14,6 +14,7 @@ use tessera_proto::{PixelFormat, SceneHash, wire};
 
 use super::Refused;
 use super::choose::Rank;
+use crate::farm::Canvas;
 use crate::job::{Patience, RenderJob, SceneSource, TileSize};
 use crate::journal::Journal;
 use crate::plan::Goal;
@@ -129,6 +130,7 @@ impl Asked {
             verify: self.verify,
             patience: Patience::from(Duration::MAX),
             journal: Some(journal),
+            canvas: Some(Canvas::default()),
             ..RenderJob::new(SceneSource::Resolved(scene), self.settings)
         }
     }

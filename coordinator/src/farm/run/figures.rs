@@ -5,6 +5,7 @@ use tessera_proto::convert::TileDone;
 use tessera_proto::identity::WorkerId;
 
 use super::{Note, Run};
+use crate::farm::canvas::TileNote;
 use crate::job::WorkerStats;
 use crate::scheduler::WorkerKey;
 
@@ -14,6 +15,18 @@ impl Run {
         let (roster, mut place) = (&mut self.roster, usize::MAX);
         self.progress.send_modify(|p| place = roster.enter(id, came, &mut p.workers).place);
         place
+    }
+
+    /// What those who look at the picture are told of a tile.
+    pub(super) fn note_of(&self, region: Region, done: &TileDone, name: &str) -> TileNote {
+        TileNote {
+            region,
+            worker: name.into(),
+            pass: self.passes.at_hand().0,
+            error: (done.error.pixels > 0).then(|| 255.0 * done.error.expected_rmse()),
+            rays: done.rays.total(),
+            busy_us: u64::try_from(done.busy.as_micros()).unwrap_or(u64::MAX),
+        }
     }
 
     pub(super) fn name(&self, worker: WorkerKey) -> String {
