@@ -117,6 +117,8 @@ impl std::fmt::Debug for LocalScene {
 pub enum Left {
     /// The coordinator has no more work, and that was all that was wanted.
     Finished,
+    /// Somebody had it leave, where the farm is.
+    Dismissed,
     /// It was asked to stop, and returned what it had not begun.
     Stopped,
     /// Its lifetime was over, and it returned what it had not begun.
@@ -173,6 +175,7 @@ async fn work(session: &Session, stop: &CancellationToken) -> Result<Left, Worke
         }
         match outcome {
             Outcome::Stopped => return Ok(Left::Stopped),
+            Outcome::Dismissed => return Ok(Left::Dismissed),
             Outcome::Finished if config.once => return Ok(Left::Finished),
             Outcome::Finished => tracing::info!("the coordinator has no more work; waiting for the next"),
             Outcome::Refused(why) => return Err(WorkerError::Refused(why)),

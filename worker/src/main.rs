@@ -189,6 +189,7 @@ fn run(args: Args) -> Result<ExitCode, MainError> {
 fn reason(left: Left) -> &'static str {
     match left {
         Left::Finished => "left: no more work",
+        Left::Dismissed => "left: somebody had it leave, where the farm is",
         Left::Stopped => "left: told to stop",
         Left::Expired => "left: its lifetime is over",
     }

@@ -52,6 +52,8 @@ pub(crate) struct Session {
 pub(crate) enum Outcome {
     /// There is no more work.
     Finished,
+    /// Somebody had this worker leave.
+    Dismissed,
     /// This worker was asked to stop.
     Stopped,
     /// Not wanted, for good.
@@ -265,6 +267,7 @@ impl Talk {
                 }
                 heard = hear(&mut self.inbox) => match heard? {
                     None => return Err(Outcome::Lost("the coordinator closed the connection".into())),
+                    Some(Hear::Finished(wire::Finished { leave: true })) => return Ok(Outcome::Dismissed),
                     Some(Hear::Finished(_)) => return Ok(Outcome::Finished),
                     Some(Hear::Job(job)) => {
                         let job = Job::try_from(job).map_err(|e| Outcome::Lost(format!("a bad job: {e}")))?;

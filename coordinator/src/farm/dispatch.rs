@@ -561,7 +561,7 @@ impl Dispatcher {
             return;
         }
         if let Some(seat) = self.seats.get(&worker) {
-            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished {})) };
+            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished { leave: true })) };
             let _ = seat.mouth.try_send(Ok(bye));
         }
     }
@@ -626,7 +626,7 @@ impl Dispatcher {
     /// Tells everyone that there is no more work, and waits a little for them to hear it; `hurry`: hardly.
     async fn dismiss(&mut self, hurry: bool) {
         self.seats.retain(|_, seat| {
-            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished {})) };
+            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished { leave: false })) };
             seat.mouth.try_send(Ok(bye)).is_ok()
         });
         let mut waiting: Vec<WorkerKey> = self.seats.keys().copied().collect();
