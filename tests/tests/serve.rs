@@ -5,7 +5,8 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::net::TcpListener;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -30,17 +31,21 @@ impl Farm {
     fn start(workers: usize) -> Self {
         let at = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
         let mut farm = Self { folder: tempfile::tempdir().unwrap(), at, serve: None, workers: Vec::new() };
-        farm.serve(&[]);
+        farm.serve();
         farm.workers = (0..workers).map(|n| farm.worker(&format!("w{n}"))).collect();
         farm
     }
 
-    fn serve(&mut self, more: &[&str]) {
+    fn serve(&mut self) {
+        self.serve_at("none");
+    }
+
+    /// Starts it, with the page there.
+    fn serve_at(&mut self, http: &str) {
         let state = self.folder.path().join("state");
-        let args =
-            [&["serve", "--state", state.to_str().unwrap(), "--listen", &self.at, "--http", "none"], more].concat();
+        let args = ["serve", "--state", state.to_str().unwrap(), "--listen", &self.at, "--http", http];
         let mut serve = Process::start("coordinator", &args);
-        serve.says("submit jobs by");
+        serve.says(if http == "none" { "submit jobs by" } else { "the page is at" });
         self.serve = Some(serve);
     }
 
@@ -225,7 +230,7 @@ fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
         }
         // Not before the last answer came, and then at once.
         farm.kill();
-        farm.serve(&[]);
+        farm.serve();
         let jobs = farm.jobs();
         for (id, state) in &mut told {
             let now = jobs.get(id).unwrap_or_else(|| panic!("round {round}: job {id} is gone"));
@@ -269,7 +274,7 @@ fn a_farm_that_is_told_to_stop_keeps_what_is_done_and_two_do_not_share_a_folder(
     serve.signal(Signal::TERM);
     let (status, said) = serve.end();
     assert_eq!(status.code(), Some(130), "{said}");
-    farm.serve(&[]);
+    farm.serve();
     farm.until(job, "done");
     let flags = ["--size", "400x300", "--samples", "400"];
     assert_eq!(farm.fetched(job), farm.alone(&scene("demo.xml"), &flags));
@@ -307,4 +312,141 @@ fn users_and_workers_have_secrets_of_their_own() {
     environment(&mut command);
     let ended: Ended = command.args(["--connect", &at, "--token-file", &users]).output().unwrap().into();
     assert_eq!(ended.code, Some(1), "{}", ended.err);
+}
+
+/// An answer over HTTP.
+struct Answer {
+    status: u16,
+    head: String,
+    body: Vec<u8>,
+}
+
+impl Answer {
+    fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&self.body)))
+    }
+}
+
+/// Asks for `path` with these more lines of a head.
+fn http(at: &str, method: &str, path: &str, more: &str) -> Answer {
+    let mut stream = TcpStream::connect(at).unwrap();
+    stream.set_read_timeout(Some(NEVER)).unwrap();
+    let host = if more.contains("Host:") { String::new() } else { format!("Host: {at}\r\n") };
+    let head = format!("{method} {path} HTTP/1.1\r\n{host}Connection: close\r\nContent-Length: 0\r\n{more}\r\n");
+    stream.write_all(head.as_bytes()).unwrap();
+    let mut all = Vec::new();
+    if path.contains("/events") {
+        // It never ends: the first event will do.
+        let mut piece = [0; 4096];
+        while !all.windows(2).any(|w| w == b"}\n") {
+            let read = stream.read(&mut piece).unwrap();
+            if read == 0 {
+                break;
+            }
+            all.extend_from_slice(&piece[..read]);
+        }
+    } else {
+        stream.read_to_end(&mut all).unwrap();
+    }
+    let end = all.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
+    let head = String::from_utf8_lossy(&all[..end]).into_owned();
+    let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+    Answer { status, head: head.to_lowercase(), body: all[end + 4..].to_vec() }
+}
+
+/// Whether `value` is what the document calls `name`: all that must be there is, and nothing else.
+fn is_a(document: &Value, name: &str, value: &Value) {
+    let schema = &document["components"]["schemas"][name];
+    let required: Vec<&str> = schema["required"].as_array().unwrap().iter().map(|k| k.as_str().unwrap()).collect();
+    let keys: Vec<&str> = value.as_object().unwrap().keys().map(String::as_str).collect();
+    for key in &required {
+        assert!(keys.contains(key), "{name} lacks {key}");
+    }
+    for key in keys {
+        assert!(required.contains(&key) && !schema["properties"][key].is_null(), "{name} has {key}");
+    }
+}
+
+#[test]
+fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this_machine_alone() {
+    let mut farm = Farm::start(1);
+    farm.kill();
+    let web = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    farm.serve_at(&web);
+    let demo = scene("demo.xml");
+    let id = farm.submit(&demo, &["--size", "48x32", "--samples", "4", "--wait"]);
+    let get = |path: &str| http(&web, "GET", path, "");
+
+    let document = get("/api/v1/openapi.json").json();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for method in ["get", "post"].into_iter().filter(|m| item.get(m).is_some()) {
+            let documented = item[method]["responses"].as_object().unwrap();
+            for named in [id.to_string(), "999".into(), "x".into(), "-1".into(), "99999999999999999999".into()] {
+                for query in [
+                    "",
+                    "?x=1&y=1",
+                    "?x=-1&y=q&limit=q&after=q&since=q&job=q&width=q&region=1",
+                    "?region=0,0,9,9&width=0",
+                ] {
+                    let asked = path.replace("{id}", &named).replace("{name}", &named) + query;
+                    let answer = http(&web, &method.to_uppercase(), &asked, "");
+                    let status = answer.status.to_string();
+                    assert!(documented.contains_key(&status), "{method} {asked}: {status} is not documented");
+                }
+            }
+        }
+    }
+    let jobs = get("/api/v1/jobs").json();
+    is_a(&document, "Job", &jobs["jobs"][0]);
+    assert_eq!(jobs["counts"]["done"], 1);
+    let workers = get("/api/v1/workers").json();
+    is_a(&document, "Worker", &workers["workers"][0]);
+
+    // A pixel is that of the file: 48 x 32 floats, rows from the bottom.
+    let file = farm.fetched(id);
+    let pixels = &file[file.len() - 48 * 32 * 12..];
+    for (x, y) in [(0, 0), (47, 31), (20, 17)] {
+        let pixel = get(&format!("/api/v1/jobs/{id}/pixel?x={x}&y={y}")).json();
+        let at = 12 * ((31 - y) * 48 + x);
+        for c in 0..3 {
+            let bytes: [u8; 4] = pixels[at + 4 * c..at + 4 * c + 4].try_into().unwrap();
+            assert_eq!(pixel["linear"][c].as_f64().unwrap() as f32, f32::from_le_bytes(bytes), "{x},{y}");
+        }
+    }
+    let picture = get(&format!("/api/v1/jobs/{id}/picture.png?region=8,8,24,16&width=32"));
+    assert_eq!(&picture.body[1..4], b"PNG");
+    assert_eq!(&picture.body[16..24], [0, 0, 0, 32, 0, 0, 0, 16]);
+
+    let page = get("/");
+    assert!(page.head.contains("content-security-policy: default-src 'none'"), "{}", page.head);
+    assert_eq!(http(&web, "GET", "/", "Host: evil.example\r\n").status, 421);
+    let pause = format!("/api/v1/jobs/{id}/pause");
+    assert_eq!(http(&web, "POST", &pause, "Origin: http://evil.example\r\n").status, 403);
+    assert_eq!(http(&web, "POST", &pause, "").status, 409);
+    assert!(String::from_utf8(get("/metrics").body).unwrap().contains("tessera_jobs{state=\"done\"} 1"));
+    let event = String::from_utf8(get(&format!("/api/v1/events?job={id}")).body).unwrap();
+    assert!(event.contains("event: state") && event.contains("\"state\":\"done\""), "{event}");
+
+    // Another picture grows while it is looked at.
+    let long = farm.submit(&demo, &["--size", "1200x900", "--samples", "4096"]);
+    let start = Instant::now();
+    while get(&format!("/api/v1/jobs/{long}/tiles")).json()["tiles"].as_array().unwrap().is_empty() {
+        assert!(start.elapsed() < NEVER, "no tile is told");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(get(&format!("/api/v1/jobs/{long}/picture.png?width=64")).status, 200);
+    // It stays when the farm is killed, and can be seen before it is rendered again.
+    farm.ok(&["pause", &long.to_string()]);
+    farm.kill();
+    farm.serve_at(&web);
+    assert_eq!(get(&format!("/api/v1/jobs/{long}")).json()["state"], "paused");
+    // Whoever is drained leaves for good.
+    let start = Instant::now();
+    while get("/api/v1/workers").json()["count"] != 1 {
+        assert!(start.elapsed() < NEVER, "the worker does not come back");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(http(&web, "POST", "/api/v1/workers/w0/drain", "").status, 200);
+    let (status, said) = farm.workers.remove(0).end();
+    assert_eq!(status.code(), Some(0), "{said}");
 }

@@ -7,6 +7,7 @@ mod compare;
 mod condition;
 mod console;
 mod describe;
+mod events;
 mod exit;
 mod farm;
 mod fetch;

@@ -1,33 +1,31 @@
 //! The one task that knows all workers: it admits them, gives them to jobs, and tells the jobs what they said.
 
 mod admit;
+mod assign;
+mod leave;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use tessera_core::trace::RayCounts;
-use tessera_proto::convert::Job;
 use tessera_proto::identity::WorkerId;
 use tessera_proto::wire::coordinator_message::Kind;
-use tessera_proto::wire::{CoordinatorMessage, Finished, Forget};
+use tessera_proto::wire::{CoordinatorMessage, Forget};
 use tessera_proto::{InstanceId, JobNumber, LeaseId, SceneHash, SessionId};
 use tokio::sync::{mpsc, oneshot, watch};
-use tokio::time::{Instant, sleep_until, timeout_at};
+use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
-use tonic::Status;
 
 use super::pulse::Pulse;
 use super::roster::Roster;
-use super::run::{Comer, Finished as FinishedRun, Note, Run, end_session};
-use super::service::{BROKE, Door, Heard, IN_PEACE, Mouth, Offer, Said};
-use super::shares::{Claim, Hand, Shares};
+use super::run::{Finished as FinishedRun, Note, Run};
+use super::service::{Door, Heard, Mouth, Offer, Said};
+use super::shares::Shares;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, RenderJob, WorkerStats};
 use crate::scheduler::{CutOff, WorkerKey};
 
-/// How long workers are given to hear that there is no more work.
-const GOODBYE_WITHIN: Duration = Duration::from_millis(250);
 /// Between two looks at who should render for whom, where nothing calls for one.
 const SHARE_EVERY: Duration = Duration::from_millis(250);
 /// What comes and goes is said under this name, also where nothing else is.
@@ -356,10 +354,9 @@ impl Dispatcher {
                 self.share().await;
             }
             // It was given to another job meanwhile, or it is over.
+            (Some(number), Said::Ready(_)) if seat_job != Some(number) && self.door.was_given(number) => {}
             (Some(number), Said::Ready(_)) if seat_job != Some(number) => {
-                if !self.door.was_given(number) {
-                    self.cut_off(worker, CutOff::Broke("it is ready for a job that there is not".into())).await;
-                }
+                self.cut_off(worker, CutOff::Broke("it is ready for a job that there is not".into())).await;
             }
             (Some(number), said) if self.runs.contains_key(&number) => self.pass_on(number, worker, said).await,
             // An answer to a lease of a job that is over comes late; else there was never such a lease.
@@ -430,181 +427,6 @@ impl Dispatcher {
         }
     }
 
-    /// Gives workers to jobs, where that makes the split better.
-    async fn share(&mut self) {
-        let now = Instant::now();
-        let passed = now - self.shared;
-        (self.shared, self.share_at) = (now, now + SHARE_EVERY);
-        let claims: Vec<Claim> = self
-            .runs
-            .iter()
-            .filter(|(_, active)| !active.run.is_over())
-            .map(|(&job, Active { run, standing, .. })| Claim {
-                job,
-                owner: standing.owner.clone(),
-                rank: standing.rank,
-                wants: run.wants(),
-            })
-            .collect();
-        let hands: Vec<Hand> = self.seats.iter().filter(|(_, s)| !s.draining).map(|(&w, s)| self.hand(w, s)).collect();
-        for (worker, job) in self.shares.split(&claims, &hands, passed) {
-            self.give(worker, job).await;
-        }
-        self.watch_silence(now).await;
-        self.show();
-    }
-
-    fn hand(&self, worker: WorkerKey, seat: &Seat) -> Hand {
-        let still_with = self.runs.iter().filter(|(n, a)| seat.job != Some(**n) && a.run.has(worker)).map(|(&n, _)| n);
-        Hand {
-            worker,
-            threads: u64::from(seat.threads),
-            job: seat.job,
-            idle: seat.job.and_then(|n| self.runs.get(&n)).is_none_or(|a| a.run.is_idle(worker)),
-            barred: seat.unable.iter().copied().chain(still_with).collect(),
-        }
-    }
-
-    /// Gives a worker to a job.
-    async fn give(&mut self, worker: WorkerKey, number: JobNumber) {
-        let Some(before) = self.seats.get(&worker).map(|s| s.job) else { return };
-        if let Some(active) = before.and_then(|n| self.runs.get_mut(&n)) {
-            active.run.release(worker).await;
-        }
-        if let Some(before) = before {
-            self.noted(before).await;
-        }
-        let Some(seat) = self.seats.get_mut(&worker) else { return };
-        (seat.job, seat.told) = (Some(number), false);
-        let comer = Comer {
-            id: seat.id,
-            instance: seat.instance,
-            name: seat.name.clone(),
-            address: seat.address.clone(),
-            threads: seat.threads,
-            own: seat.own,
-            mouth: seat.mouth.clone(),
-            cut: seat.cut.clone(),
-            pulse: seat.pulse.clone(),
-        };
-        if let Some(active) = self.runs.get_mut(&number) {
-            active.run.join(worker, comer).await;
-        }
-        self.tell_job(number);
-        self.noted(number).await;
-    }
-
-    /// Tells the workers of a job what to render, as soon as its scene can be named.
-    fn tell_job(&mut self, number: JobNumber) {
-        let Some(offer) = self.door.offered(number) else { return };
-        for seat in self.seats.values_mut().filter(|s| s.job == Some(number) && !s.told) {
-            let scene = if seat.own { None } else { offer.scene_name() };
-            if scene.is_none() && !seat.own {
-                self.door.describe(number);
-                continue;
-            }
-            let job = Job { number, scene, settings: offer.settings, pixels: offer.pixels };
-            let message = CoordinatorMessage { kind: Some(Kind::Job(job.into())) };
-            if seat.mouth.try_send(Ok(message)).is_err() {
-                seat.cut.cancel();
-            }
-            seat.told = true;
-        }
-    }
-
-    /// Ends sessions of workers of no job that fell silent; a job watches its own.
-    async fn watch_silence(&mut self, now: Instant) {
-        let mut silent = Vec::new();
-        for (&worker, seat) in self.seats.iter_mut() {
-            let last = seat.pulse.last();
-            if last != seat.felt.0 || seat.job.is_some() {
-                seat.felt = (last, now);
-            } else if now - seat.felt.1 >= self.timing.dead_after {
-                silent.push((worker, now - seat.felt.1));
-            }
-        }
-        for (worker, time) in silent {
-            self.cut_off(worker, CutOff::Silent(time)).await;
-        }
-    }
-
-    /// A worker will leave: it gets no more.
-    async fn drains(&mut self, worker: WorkerKey) {
-        let Some(seat) = self.seats.get_mut(&worker) else { return };
-        if std::mem::replace(&mut seat.draining, true) {
-            return self.cut_off(worker, CutOff::Broke("it was leaving before".into())).await;
-        }
-        let numbers: Vec<JobNumber> = self.runs.keys().copied().collect();
-        for number in numbers {
-            if self.seats.get(&worker).and_then(|s| s.job) == Some(number) {
-                self.pass_on(number, worker, Said::Draining).await;
-            }
-        }
-    }
-
-    /// Has a worker leave in order: it renders what it has begun, and is then told that there is no more.
-    async fn retire(&mut self, worker: WorkerKey) {
-        let Some(seat) = self.seats.get_mut(&worker) else { return };
-        (seat.draining, seat.retired) = (true, true);
-        let job = seat.job.take();
-        if let Some(active) = job.and_then(|n| self.runs.get_mut(&n)) {
-            active.run.release(worker).await;
-        }
-        if let Some(number) = job {
-            self.noted(number).await;
-        }
-        self.dismiss_retired(worker);
-    }
-
-    fn dismiss_retired(&mut self, worker: WorkerKey) {
-        if self.runs.values().any(|a| a.run.has(worker)) {
-            return;
-        }
-        if let Some(seat) = self.seats.get(&worker) {
-            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished { leave: true })) };
-            let _ = seat.mouth.try_send(Ok(bye));
-        }
-    }
-
-    async fn cut_off(&mut self, worker: WorkerKey, why: CutOff) {
-        let Some(seat) = self.seats.get(&worker) else { return };
-        if let CutOff::Broke(rule) = &why {
-            self.roster.ban(seat.id, rule.clone());
-            // Breaking a rule is not the fault of what it was rendering.
-            let number = seat.job.filter(|n| self.is_with(*n, worker));
-            if let Some(number) = number {
-                return Box::pin(self.pass_on(number, worker, Said::Nonsense(rule.clone()))).await;
-            }
-        }
-        let cause = end_session(&seat.mouth, &seat.cut, &why);
-        Box::pin(self.unseat(worker, &cause)).await;
-    }
-
-    async fn left(&mut self, worker: WorkerKey, cause: &str) {
-        self.unseat(worker, cause).await;
-    }
-
-    /// A worker is gone.
-    async fn unseat(&mut self, worker: WorkerKey, cause: &str) {
-        let Some(seat) = self.seats.remove(&worker) else { return };
-        self.door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&seat.session);
-        seat.cut.cancel();
-        self.roster.left(seat.id);
-        let mut lost = seat.lost;
-        let numbers: Vec<JobNumber> = self.runs.keys().copied().collect();
-        for number in numbers {
-            if let Some(active) = self.runs.get_mut(&number) {
-                lost += active.run.left(worker, cause.into()).await;
-            }
-            Box::pin(self.noted(number)).await;
-        }
-        say_left(&seat, lost, cause);
-        if let Some(w) = self.figures.get_mut(seat.place) {
-            (w.connected, w.holds, w.left) = (false, 0, Some(cause.into()));
-        }
-        self.show();
-    }
-
     /// Shows the workers to whoever watches.
     fn show(&mut self) {
         if self.views.receiver_count() == 0 {
@@ -622,31 +444,6 @@ impl Dispatcher {
         });
         self.views.send_replace(views.collect());
     }
-
-    /// Tells everyone that there is no more work, and waits a little for them to hear it; `hurry`: hardly.
-    async fn dismiss(&mut self, hurry: bool) {
-        self.seats.retain(|_, seat| {
-            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished { leave: false })) };
-            seat.mouth.try_send(Ok(bye)).is_ok()
-        });
-        let mut waiting: Vec<WorkerKey> = self.seats.keys().copied().collect();
-        // A worker leaves when it has heard; its stream must stay open until then.
-        // Nobody waits for tiles that come too late.
-        let deadline = Instant::now() + if hurry { Duration::from_millis(10) } else { GOODBYE_WITHIN };
-        while !waiting.is_empty() {
-            match timeout_at(deadline, self.heard.recv()).await {
-                Ok(Some(Heard::Left { worker, .. })) => waiting.retain(|w| *w != worker),
-                Ok(Some(Heard::Joined(late))) => {
-                    let _ = late.reply.send(Err(Status::unavailable("the render is over")));
-                }
-                Ok(Some(Heard::Said { .. } | Heard::Decided { .. } | Heard::Described(_))) => {}
-                Ok(None) | Err(_) => break,
-            }
-        }
-        for seat in self.seats.values() {
-            seat.cut.cancel();
-        }
-    }
 }
 
 /// Gives what there is of a job to whoever waits for it.
@@ -654,25 +451,5 @@ fn hand_over(active: Active) {
     if let Some(end) = active.end {
         // Nobody may wait any more.
         let _ = end.send(active.run.finish(RenderError::Cancelled));
-    }
-}
-
-/// Says that a worker left, in the farm's words; what lies beneath only to whoever asks for it.
-fn say_left(seat: &Seat, lost: u64, cause: &str) {
-    let name = &seat.name;
-    let lost = match lost {
-        0 => String::new(),
-        1 => "; 1 tile given to others".into(),
-        n => format!("; {n} tiles given to others"),
-    };
-    if cause == IN_PEACE && seat.own {
-        tracing::debug!("{name} left{lost}");
-    } else if cause == IN_PEACE {
-        tracing::info!(target: FARM, "{name} left{lost}");
-    } else if cause.starts_with(BROKE) {
-        tracing::warn!(target: FARM, "{name} left: connection lost{lost}");
-        tracing::info!("{name}: {cause}");
-    } else {
-        tracing::warn!(target: FARM, "{name} left: {cause}{lost}");
     }
 }

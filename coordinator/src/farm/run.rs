@@ -3,6 +3,7 @@
 
 mod end;
 mod figures;
+mod member;
 mod verification;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,31 +11,26 @@ use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::settings::Sampling;
-use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{TileDone, check_size};
-use tessera_proto::identity::WorkerId;
 use tessera_proto::token::{NoRandomness, random};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Revoke};
-use tessera_proto::{InstanceId, JobNumber, PixelFormat};
+use tessera_proto::{JobNumber, PixelFormat};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
-use tokio_util::sync::CancellationToken;
-use tonic::Status;
 
-use super::guard::for_good;
 use super::pace::Pace;
 use super::passes::{Clock, Passes, Turn};
-use super::pulse::Pulse;
 use super::roster::Roster;
-use super::service::{Heard, Mouth, Said};
+use super::service::{Heard, Said};
 use super::stitch::{self, Stitch, Stitcher};
 use super::verify::{Sum, Verify};
 use crate::job::{Progress, RenderError, RenderJob, Verification, WorkerStats};
-use crate::journal::{Found, Head, Sink};
 use crate::plan::Plan;
 use crate::scheduler::{self, CutOff, Effect, End, Event, Scheduler, WorkerKey};
 pub(crate) use end::Finished;
+pub(super) use member::{Comer, Note, end_session};
+use member::{Member, keep};
 use verification::{OwnCore, is_check};
 
 /// Between two looks at the pulses of workers.
@@ -42,54 +38,6 @@ const PULSE_EVERY: Duration = Duration::from_millis(100);
 
 /// The end of the render, once it is there.
 type Ended = Option<Result<(), RenderError>>;
-
-/// A worker that renders for this job.
-struct Member {
-    mouth: Mouth,
-    cut: CancellationToken,
-    id: WorkerId,
-    /// Whether it may render.
-    ready: bool,
-    /// Whether it goes to another job as soon as it has answered what it has begun.
-    leaving: bool,
-    /// Place of its figures in [`Progress::workers`].
-    place: usize,
-    threads: u32,
-    pulse: Pulse,
-    /// Its pulse when it was last looked at.
-    felt: u64,
-    /// Tiles that it left unanswered.
-    lost: u64,
-}
-
-/// A worker that comes to a job.
-#[derive(Clone, Debug)]
-pub(super) struct Comer {
-    pub(super) id: WorkerId,
-    pub(super) instance: InstanceId,
-    /// The name it is shown under.
-    pub(super) name: String,
-    pub(super) address: String,
-    pub(super) threads: u32,
-    /// Whether it is one of this process.
-    pub(super) own: bool,
-    pub(super) mouth: Mouth,
-    pub(super) cut: CancellationToken,
-    pub(super) pulse: Pulse,
-}
-
-/// What the dispatcher has to know of what happened in a job.
-#[derive(Debug)]
-pub(super) enum Note {
-    /// A worker's session was ended, for this cause; so many of its tiles went to others.
-    CutOff { worker: WorkerKey, why: CutOff, cause: String, lost: u64 },
-    /// A worker is not to come back, for this rule.
-    Ban { id: WorkerId, rule: String },
-    /// A tile of it went into the picture.
-    Counted { worker: WorkerKey, pixels: u64, rays: RayCounts, busy: Duration },
-    /// Tiles that it was given and did not deliver.
-    Lost { worker: WorkerKey, tiles: u64 },
-}
 
 /// See the [module](self).
 pub(super) struct Run {
@@ -529,27 +477,4 @@ impl Run {
         self.reassign(worker, member.id);
         member.lost
     }
-}
-
-/// Ends a worker's session, telling it why; gives what it is told.
-pub(super) fn end_session(mouth: &Mouth, cut: &CancellationToken, why: &CutOff) -> String {
-    let status = match why {
-        // It would be turned away if it dialled again.
-        CutOff::Broke(rule) => for_good(Status::invalid_argument(format!("this worker was cut off: {rule}"))),
-        CutOff::Silent(time) => Status::deadline_exceeded(format!("nothing was heard for {time:.1?}")),
-        CutOff::Unready(time) => Status::deadline_exceeded(format!("the scene was not ready after {time:.0?}")),
-    };
-    let cause = status.message().to_owned();
-    let _ = mouth.try_send(Err(status));
-    cut.cancel();
-    cause
-}
-
-/// Starts the job's journal, if it has one, and gives what an earlier run left in it. What may have to be taken back
-/// is not kept: a journal knows neither whose tiles were confirmed nor by which keys.
-fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
-    let Some(journal) = job.journal.as_ref().filter(|_| job.verify == 0.0) else { return (None, None) };
-    let (scene, goal) = (job.scene.scene().clone(), job.goal);
-    let (settings, region, pixels) = (job.settings, job.region, job.pixels);
-    journal.start(move || Head::new(&scene, settings, region, pixels, goal))
 }

@@ -135,9 +135,9 @@ fn better(dues: &[Due<'_>], hands: &[Hand]) -> Option<(usize, usize)> {
             }
             let threads = hand.threads as f64;
             let gain = match from {
-                // Whoever is nowhere goes where it is wanted most, if it is wanted at all.
-                None if due.claim.wants == u64::MAX || due.due > 0.0 => 1e9 + due.due + due.credit,
-                None => continue,
+                // Whoever is nowhere goes where it is wanted most; also where nothing is left to be cut, since it may
+                // render what others are late with.
+                None => 1e9 + due.due + due.credit,
                 Some(from) => {
                     let credit = if from.claim.owner == due.claim.owner { 0.0 } else { due.credit - from.credit };
                     let gain = due.due - from.due + credit - threads * (1.0 + INERTIA);
@@ -207,6 +207,13 @@ mod tests {
         follow(&claims, &mut hands, 40);
         let at = |job| hands.iter().filter(|h| h.job == Some(JobNumber(job))).count();
         assert_eq!((at(2), at(3), at(1)), (2, 1, 5));
+    }
+
+    #[test]
+    fn who_comes_at_the_end_helps_too() {
+        let hands = [hand(0, 4, Some(1)), hand(1, 4, None)];
+        let moves = Shares::default().split(&[claim(1, "ann", 0, 4)], &hands, Duration::ZERO);
+        assert_eq!(moves, [(WorkerKey(1), JobNumber(1))]);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 mod choose;
 mod engine;
 mod keep;
+mod load;
 mod spec;
 mod store;
 
@@ -69,7 +70,7 @@ enum Ask {
     Submit(Box<Spec>, Reply<Job>),
     Change(u64, Change, Reply<Job>),
     Fetched(u64),
-    Loaded(u64, Result<Box<engine::Loaded>, String>),
+    Loaded(u64, Result<Box<load::Loaded>, String>),
     Ended(u64, Box<engine::End>),
     Close(oneshot::Sender<()>),
 }

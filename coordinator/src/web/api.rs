@@ -9,30 +9,30 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tessera_proto::control::{Job, Worker};
 
-use super::{Farm, refusal};
+use super::{Farm, Refusal, refusal};
 use crate::queue::{Change, Refused, state_name};
 
 /// Jobs, workers and tiles that one answer holds, at most.
 const PAGE: usize = 500;
 const TILES: usize = 2000;
 
-impl IntoResponse for Refused {
-    fn into_response(self) -> Response {
-        let status = match self {
-            Self::Unknown(_) => StatusCode::NOT_FOUND,
-            Self::NoScene | Self::State(..) => StatusCode::CONFLICT,
-            Self::Bad(_) => StatusCode::BAD_REQUEST,
-            Self::Disk(_) => StatusCode::INSUFFICIENT_STORAGE,
-            Self::Closing => StatusCode::SERVICE_UNAVAILABLE,
+impl From<Refused> for Refusal {
+    fn from(refused: Refused) -> Self {
+        let status = match refused {
+            Refused::Unknown(_) => StatusCode::NOT_FOUND,
+            Refused::NoScene | Refused::State(..) => StatusCode::CONFLICT,
+            Refused::Bad(_) => StatusCode::BAD_REQUEST,
+            Refused::Disk(_) => StatusCode::INSUFFICIENT_STORAGE,
+            Refused::Closing => StatusCode::SERVICE_UNAVAILABLE,
         };
-        refusal(status, self)
+        refusal(status, refused)
     }
 }
 
 /// A path's part, or why it is none.
 pub(super) type Id = Result<Path<u64>, PathRejection>;
 
-pub(super) fn id(id: Id) -> Result<u64, Response> {
+pub(super) fn id(id: Id) -> Result<u64, Refusal> {
     id.map(|Path(id)| id).map_err(|_| refusal(StatusCode::NOT_FOUND, "a job is named by its number"))
 }
 
@@ -45,7 +45,9 @@ pub(super) struct Which {
 
 /// Jobs in the order in which they came; the newest ones where none is named.
 pub(super) async fn jobs(State(farm): State<Farm>, which: Result<Query<Which>, QueryRejection>) -> Response {
-    let Ok(Query(which)) = which else { return refusal(StatusCode::BAD_REQUEST, "after and limit are numbers") };
+    let Ok(Query(which)) = which else {
+        return refusal(StatusCode::BAD_REQUEST, "after and limit are numbers").into_response();
+    };
     let limit = which.limit.unwrap_or(100).clamp(1, PAGE);
     let jobs = match which.after {
         Some(after) => farm.queue.list(after, limit),
@@ -55,25 +57,25 @@ pub(super) async fn jobs(State(farm): State<Farm>, which: Result<Query<Which>, Q
     Json(json!({ "jobs": jobs, "counts": farm.queue.counts() })).into_response()
 }
 
-pub(super) async fn job(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Response> {
-    let job = farm.queue.job(id(named)?).map_err(IntoResponse::into_response)?;
+pub(super) async fn job(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
+    let job = farm.queue.job(id(named)?)?;
     Ok(Json(job_json(&job)))
 }
 
-async fn change(farm: &Farm, named: Id, change: Change) -> Result<Json<Value>, Response> {
-    let job = farm.queue.change(id(named)?, change).await.map_err(IntoResponse::into_response)?;
+async fn change(farm: &Farm, named: Id, change: Change) -> Result<Json<Value>, Refusal> {
+    let job = farm.queue.change(id(named)?, change).await?;
     Ok(Json(job_json(&job)))
 }
 
-pub(super) async fn pause(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Response> {
+pub(super) async fn pause(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
     change(&farm, named, Change::Pause).await
 }
 
-pub(super) async fn resume(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Response> {
+pub(super) async fn resume(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
     change(&farm, named, Change::Resume).await
 }
 
-pub(super) async fn cancel(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Response> {
+pub(super) async fn cancel(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
     change(&farm, named, Change::Cancel).await
 }
 
@@ -88,9 +90,9 @@ pub(super) async fn tiles(
     State(farm): State<Farm>,
     named: Id,
     since: Result<Query<Since>, QueryRejection>,
-) -> Result<Json<Value>, Response> {
+) -> Result<Json<Value>, Refusal> {
     let number = id(named)?;
-    farm.queue.job(number).map_err(IntoResponse::into_response)?;
+    farm.queue.job(number)?;
     let Ok(Query(since)) = since else { return Err(refusal(StatusCode::BAD_REQUEST, "since is a number")) };
     let canvas = farm.queue.canvas(number);
     let (first, notes) = canvas.map_or((0, Vec::new()), |canvas| canvas.notes(since.since.unwrap_or(0), TILES));
@@ -121,7 +123,7 @@ pub(super) async fn drain(State(farm): State<Farm>, Path(name): Path<String>) ->
     if farm.queue.drain(&name).await {
         Json(json!({ "name": name })).into_response()
     } else {
-        refusal(StatusCode::NOT_FOUND, "there is no worker of this name")
+        refusal(StatusCode::NOT_FOUND, "there is no worker of this name").into_response()
     }
 }
 

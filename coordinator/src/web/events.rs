@@ -27,7 +27,7 @@ pub(super) struct Watched {
 
 pub(super) async fn events(State(farm): State<Farm>, watched: Result<Query<Watched>, QueryRejection>) -> Response {
     let Ok(Query(Watched { job })) = watched else {
-        return refusal(StatusCode::BAD_REQUEST, "a job is named by its number");
+        return refusal(StatusCode::BAD_REQUEST, "a job is named by its number").into_response();
     };
     // One that does not read gets the next word when it does: nothing piles up.
     let (out, events) = mpsc::channel::<Result<Event, Infallible>>(1);

@@ -78,12 +78,21 @@ async fn file(kind: &'static str, text: &'static str) -> Response {
 }
 
 /// An answer that says why there is none.
-pub(crate) fn refusal(status: StatusCode, why: impl std::fmt::Display) -> Response {
-    (status, axum::Json(serde_json::json!({ "error": why.to_string() }))).into_response()
+#[derive(Debug)]
+pub(crate) struct Refusal(StatusCode, String);
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        (self.0, axum::Json(serde_json::json!({ "error": self.1 }))).into_response()
+    }
+}
+
+pub(crate) fn refusal(status: StatusCode, why: impl std::fmt::Display) -> Refusal {
+    Refusal(status, why.to_string())
 }
 
 /// Whether a request may be answered: only for this machine, and changes only from pages of its own.
-fn may(method: &Method, headers: &HeaderMap) -> Result<(), Response> {
+fn may(method: &Method, headers: &HeaderMap) -> Result<(), Refusal> {
     let text = |name: HeaderName| headers.get(name).and_then(|v| v.to_str().ok());
     let host = text(HOST).unwrap_or_default();
     let name =
@@ -105,7 +114,7 @@ fn may(method: &Method, headers: &HeaderMap) -> Result<(), Response> {
 async fn guard(request: Request, next: Next) -> Response {
     let mut response = match may(request.method(), request.headers()) {
         Ok(()) => next.run(request).await,
-        Err(refused) => refused,
+        Err(refused) => refused.into_response(),
     };
     let fixed = [
         (CONTENT_SECURITY_POLICY, POLICY),

@@ -16,7 +16,7 @@ use tessera_proto::control::{Job, State as JobState};
 use tessera_proto::{PixelFormat, Pixels};
 
 use super::api::{Id, id};
-use super::{Farm, refusal};
+use super::{Farm, Refusal, refusal};
 use crate::farm::{Seen, look};
 use crate::journal::Partial;
 use crate::queue::{Queue, region_of};
@@ -56,7 +56,7 @@ impl Form {
     }
 }
 
-fn bad(why: &str) -> Response {
+fn bad(why: &str) -> Refusal {
     refusal(StatusCode::BAD_REQUEST, why)
 }
 
@@ -105,8 +105,8 @@ pub(super) async fn png(
     State(farm): State<Farm>,
     named: Id,
     part: Result<Query<Part>, QueryRejection>,
-) -> Result<Response, Response> {
-    let job = farm.queue.job(id(named)?).map_err(IntoResponse::into_response)?;
+) -> Result<Response, Refusal> {
+    let job = farm.queue.job(id(named)?)?;
     let Ok(Query(part)) = part else { return Err(bad("width and height are numbers")) };
     let form = Form::of(&job).ok_or_else(|| bad("the job has no picture"))?;
     let region = match &part.region {
@@ -145,8 +145,8 @@ pub(super) async fn pixel(
     State(farm): State<Farm>,
     named: Id,
     at: Result<Query<At>, QueryRejection>,
-) -> Result<Response, Response> {
-    let job = farm.queue.job(id(named)?).map_err(IntoResponse::into_response)?;
+) -> Result<Response, Refusal> {
+    let job = farm.queue.job(id(named)?)?;
     let Ok(Query(At { x, y })) = at else { return Err(bad("x and y are numbers")) };
     let form = Form::of(&job).ok_or_else(|| bad("the job has no picture"))?;
     let one = Region::new(x, y, x.saturating_add(1), y.saturating_add(1)).filter(|r| form.whole.contains(r));
