@@ -19,41 +19,55 @@ pub(super) type Rank = (i64, u64);
 
 /// Jobs that may be rendered, by their owners.
 #[derive(Debug, Default)]
-pub(super) struct Waiting(BTreeMap<String, BTreeSet<Rank>>);
+pub(super) struct Waiting {
+    owners: BTreeMap<String, BTreeSet<Rank>>,
+    /// When an owner last had a turn.
+    served: BTreeMap<String, Instant>,
+}
 
 impl Waiting {
     pub(super) fn insert(&mut self, owner: &str, rank: Rank) {
-        self.0.entry(owner.into()).or_default().insert(rank);
+        self.owners.entry(owner.into()).or_default().insert(rank);
     }
 
     pub(super) fn remove(&mut self, owner: &str, rank: Rank) {
-        if let Some(of_owner) = self.0.get_mut(owner) {
+        if let Some(of_owner) = self.owners.get_mut(owner) {
             of_owner.remove(&rank);
             if of_owner.is_empty() {
-                self.0.remove(owner);
+                self.owners.remove(owner);
+                self.served.remove(owner);
             }
         }
     }
 
     /// The jobs to be rendered now, of those `since` when some are rendered already.
-    pub(super) fn choose(&self, since: &BTreeMap<u64, Instant>, now: Instant) -> BTreeSet<u64> {
-        // Whoever has a turn that is not over keeps it; then come those who wait, the oldest job first; then the rest.
-        let mut owners: Vec<(u8, u64, &BTreeSet<Rank>)> = self
-            .0
-            .values()
-            .map(|ranks| {
+    pub(super) fn choose(&mut self, since: &BTreeMap<u64, Instant>, now: Instant) -> BTreeSet<u64> {
+        // Whoever has a turn that is not over keeps it; then come those who wait, the longest first, and of those that
+        // never had a turn the one with the oldest job; then the rest.
+        let mut owners: Vec<_> = self
+            .owners
+            .iter()
+            .map(|(owner, ranks)| {
                 let turn = ranks.iter().filter_map(|(_, id)| since.get(id)).min();
                 let oldest = ranks.iter().take(OF_ONE).map(|(_, id)| *id).min().unwrap_or(u64::MAX);
-                match turn {
-                    Some(&turn) if now.saturating_duration_since(turn) < TURN => (0, oldest, ranks),
-                    None => (1, oldest, ranks),
-                    Some(_) => (2, oldest, ranks),
-                }
+                let class = match turn {
+                    Some(&turn) if now.saturating_duration_since(turn) < TURN => 0,
+                    None => 1,
+                    Some(_) => 2,
+                };
+                ((class, self.served.get(owner).copied(), oldest), owner, ranks)
             })
             .collect();
-        owners.sort_unstable_by_key(|&(class, oldest, _)| (class, oldest));
-        let nth = |n: usize| owners.iter().filter_map(move |(_, _, ranks)| ranks.iter().nth(n).map(|(_, id)| *id));
-        (0..OF_ONE).flat_map(nth).take(ACTIVE).collect()
+        owners.sort_unstable_by_key(|(order, ..)| *order);
+        let nth = |n: usize| {
+            let has = move |(_, owner, ranks): &(_, &String, &BTreeSet<Rank>)| {
+                ranks.iter().nth(n).map(|&(_, id)| ((*owner).clone(), id))
+            };
+            owners.iter().filter_map(has)
+        };
+        let chosen: Vec<(String, u64)> = (0..OF_ONE).flat_map(nth).take(ACTIVE).collect();
+        self.served.extend(chosen.iter().map(|(owner, _)| (owner.clone(), now)));
+        chosen.into_iter().map(|(_, id)| id).collect()
     }
 }
 
