@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use tessera_core::film::{Region, pixels_sha256};
 use tessera_core::scene::Scene;
-use tessera_core::settings::{Sampling, Settings, Transfer, View};
+use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, Transfer, View};
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_core::xml::{ReadOptions, read_file};
 use tessera_proto::limits::NUMERIC_MODE;
@@ -24,17 +24,38 @@ struct Way {
     max_depth: u32,
     sampling: Sampling,
     transfer: Transfer,
+    /// How closely an adaptive pass looks.
+    detail: Option<Closeness>,
     /// The whole picture where there is none.
     region: Option<Region>,
 }
 
-const WAYS: [Way; 3] = [
+/// What an adaptive pass is asked for.
+enum Closeness {
+    /// A tolerance, in steps of 255.
+    Steps(f64),
+    /// One point in squares of so many pixels' edge.
+    Coarse(u32),
+}
+
+impl Way {
+    fn pass(&self) -> Option<Pass> {
+        let detail = match self.detail.as_ref()? {
+            Closeness::Steps(steps) => Detail::Within(Tolerance::new(steps / 255.0)),
+            Closeness::Coarse(step) => Detail::Coarse { step: *step },
+        };
+        Some(Pass { detail, audit: AuditRate::ALL })
+    }
+}
+
+const WAYS: [Way; 6] = [
     Way {
         name: "one sample",
         view: (97, 71, 1.0, 1.0),
         max_depth: 6,
         sampling: Sampling::Uniform { grid: 1 },
         transfer: Transfer::Srgb,
+        detail: None,
         region: None,
     },
     Way {
@@ -43,6 +64,7 @@ const WAYS: [Way; 3] = [
         max_depth: 16,
         sampling: Sampling::Uniform { grid: 3 },
         transfer: Transfer::Linear,
+        detail: None,
         region: None,
     },
     Way {
@@ -51,7 +73,35 @@ const WAYS: [Way; 3] = [
         max_depth: 1,
         sampling: Sampling::Uniform { grid: 2 },
         transfer: Transfer::Srgb,
+        detail: None,
         region: Some(Region { x0: 53, y0: 41, x1: 96, y1: 83 }),
+    },
+    Way {
+        name: "adaptive, loose",
+        view: (80, 60, 1.0, 1.0),
+        max_depth: 6,
+        sampling: Sampling::Adaptive,
+        transfer: Transfer::Linear,
+        detail: Some(Closeness::Steps(16.0)),
+        region: None,
+    },
+    Way {
+        name: "adaptive, tight, a part",
+        view: (64, 48, 1.2, 1.0),
+        max_depth: 4,
+        sampling: Sampling::Adaptive,
+        transfer: Transfer::Srgb,
+        detail: Some(Closeness::Steps(1.0)),
+        region: Some(Region { x0: 13, y0: 7, x1: 47, y1: 41 }),
+    },
+    Way {
+        name: "coarse",
+        view: (70, 50, 1.0, 1.0),
+        max_depth: 6,
+        sampling: Sampling::Adaptive,
+        transfer: Transfer::Srgb,
+        detail: Some(Closeness::Coarse(4)),
+        region: None,
     },
 ];
 
@@ -94,8 +144,19 @@ pub fn hashes() -> BTreeMap<String, String> {
             let settings = Settings { view, max_depth: way.max_depth, sampling: way.sampling, transfer: way.transfer };
             let tracer = Tracer::new(prepared.clone(), settings).expect("the scene has a view");
             let whole = Region { x0: 0, y0: 0, x1: width, y1: height };
-            let pixels = tracer.render(way.region.unwrap_or(whole)).0.pixels;
-            hashes.insert(format!("{name}; {}", way.name), pixels_sha256(&pixels));
+            let region = way.region.unwrap_or(whole);
+            let (tile, _) = match way.pass() {
+                Some(pass) => tracer.render_pass(region, pass),
+                None => tracer.render(region),
+            };
+            hashes.insert(format!("{name}; {}", way.name), pixels_sha256(&tile.pixels));
+            if way.pass().is_some() {
+                // What was found of the error belongs to the picture.
+                let e = tile.error;
+                let sums = [0, 32, 64, 96]
+                    .map(|bit| [e.squares, e.variance, e.expected].map(|sum| f32::from_bits((sum.0 >> bit) as u32)));
+                hashes.insert(format!("{name}; {}; error", way.name), pixels_sha256(&sums));
+            }
         }
     }
     hashes

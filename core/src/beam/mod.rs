@@ -12,3 +12,6 @@
 pub(crate) mod cover;
 pub(crate) mod gather;
 pub(crate) mod lens;
+
+#[cfg(test)]
+mod tests;

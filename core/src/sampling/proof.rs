@@ -378,7 +378,7 @@ pub(super) fn supporting_plane(tracer: &Tracer, id: u32) -> Option<(DVec3, f64)>
 
 /// What object `id` is to a tile under a lens.
 #[inline(always)]
-pub(super) fn object(tracer: &Tracer, id: u32, lens: &Lens, tile: &Tile) -> (Cover, Option<([DVec3; 3], Outline)>) {
+pub(crate) fn object(tracer: &Tracer, id: u32, lens: &Lens, tile: &Tile) -> (Cover, Option<([DVec3; 3], Outline)>) {
     let prepared = tracer.prepared();
     match kind(&prepared.scene, ObjectId(id)) {
         Kind::Plane(i) => (cover::plane(&prepared.local.planes[i], lens, tile), None),
