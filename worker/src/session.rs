@@ -315,6 +315,7 @@ impl Talk {
                     None => return Err(Outcome::Lost("the coordinator closed the connection".into())),
                     Some(Hear::Finished(_)) => return Ok(Outcome::Finished),
                     Some(Hear::Lease(lease)) => {
+                        foreman.pack(lease.pack);
                         let lease = Lease::try_from(lease).map_err(|e| Outcome::Lost(format!("a bad lease: {e}")))?;
                         if !foreman.take(lease) {
                             return Err(Outcome::Lost("the coordinator sends more leases than anyone can hold".into()));
