@@ -1,20 +1,21 @@
 //! The one task that owns the scheduler: it hears workers, reads the clock, and does
 //! what the scheduler asks for.
 
+mod farewell;
 mod figures;
 mod verification;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::identity::WorkerId;
 use tessera_proto::wire::coordinator_message::Kind;
-use tessera_proto::wire::{CoordinatorMessage, Finished, Revoke, Welcome};
+use tessera_proto::wire::{self, CoordinatorMessage, Revoke, Welcome};
 use tessera_proto::{PixelFormat, SessionId};
 use tokio::sync::{mpsc, watch};
-use tokio::time::{Instant, sleep_until, timeout_at};
+use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
@@ -28,12 +29,10 @@ use super::stitch::Stitch;
 use super::timing::Timing;
 use super::verify::Verify;
 use crate::job::{Progress, RenderError, Verification};
+use crate::journal::Verified;
 use crate::scheduler::{CutOff, Effect, End, Event, Scheduler, WorkerKey};
 pub(super) use verification::OwnCore;
-use verification::is_check;
-
-/// How long workers are given to hear that the render is over.
-const GOODBYE_WITHIN: Duration = Duration::from_millis(250);
+use verification::{is_check, recall};
 
 /// Between two looks at the pulses of workers.
 const PULSE_EVERY: Duration = Duration::from_millis(100);
@@ -86,6 +85,10 @@ pub(super) struct Driver {
     /// What decides where workers disagree, until it is started.
     own_core: Option<OwnCore>,
     own: Option<std::sync::mpsc::Sender<verification::Wanted>>,
+    /// Tiles that this process is to render again now.
+    own_busy: usize,
+    /// Checks that nobody was given yet.
+    unassigned: VecDeque<u64>,
     next_worker: u64,
     /// When pulses are looked at next.
     pulse_at: Duration,
@@ -100,8 +103,9 @@ impl Driver {
         progress: watch::Sender<Progress>,
         passes: Passes,
         (start, timing): (Instant, Timing),
-        (verify, own_core): (Verify, OwnCore),
+        (verify, own_core, earlier): (Verify, OwnCore, Verified),
     ) -> Self {
+        let (roster, verification) = recall(earlier);
         Self {
             scheduler,
             pace: Pace::new(passes.limit()),
@@ -116,11 +120,13 @@ impl Driver {
             leasing: false,
             tiles_of_pass: 0,
             seats: BTreeMap::new(),
-            roster: Roster::default(),
+            roster,
             verify,
-            verification: Verification::default(),
+            verification,
             own_core: Some(own_core),
             own: None,
+            own_busy: 0,
+            unassigned: VecDeque::new(),
             next_worker: 0,
             pulse_at: Duration::ZERO,
             last_cause: None,
@@ -134,6 +140,7 @@ impl Driver {
     ) -> (Result<(), RenderError>, Instant, Passes, Verification) {
         if self.verify.is_on() {
             self.scheduler.hold();
+            self.passes.hold();
         }
         let first = self.passes.first();
         let mut end = self.begin(first).await;
@@ -184,11 +191,13 @@ impl Driver {
         }
         let Some(step) = turn.step else { return Some(Ok(())) };
         self.pace.begin(self.start.elapsed(), turn.work, step.kept, self.passes.expected());
+        let regions = (turn.nothing_left || !step.regions.is_empty()).then_some(step.regions);
         if std::mem::replace(&mut self.leasing, true) {
-            self.scheduler.begin(step.pass, step.regions, step.dearer);
+            self.scheduler.begin(step.pass, regions, step.dearer);
         } else {
-            self.scheduler.begin_first(step.pass, step.regions);
+            self.scheduler.begin_first(step.pass, regions);
         }
+        self.recover(is_look, &turn.made, turn.made_before.as_deref());
         None
     }
 
@@ -293,6 +302,9 @@ impl Driver {
         }
         let teller = event.worker();
         let now = self.start.elapsed();
+        if matches!(event, Event::Tick) {
+            self.unassigned.extend(self.verify.overdue(now));
+        }
         self.feel_pulses(now, &mut effects);
         self.scheduler.handle(event, now, &mut effects);
         let mut end = None;
@@ -301,7 +313,8 @@ impl Driver {
             match effect {
                 Effect::Grant { worker, lease } => {
                     touched.insert(worker);
-                    self.say(worker, Kind::Lease(lease.into()));
+                    let pack = self.scheduler.has_narrow_line(worker);
+                    self.say(worker, Kind::Lease(wire::Lease { pack, ..lease.into() }));
                 }
                 Effect::Revoke { worker, lease } => {
                     touched.insert(worker);
@@ -310,9 +323,8 @@ impl Driver {
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
                     self.count(worker, region, done);
-                    self.verify(worker, region, done);
-                    let name = self.name(worker);
-                    let Some(first) = self.passes.accept(region, done, name) else { continue };
+                    let by = (self.name(worker), self.verify(worker, region, done));
+                    let Some(first) = self.passes.accept(region, done, by) else { continue };
                     let stitch = Stitch::New { region, pixels: done.pixels.clone(), first };
                     // Waits where stitching is slower than the farm; so, then, do the workers.
                     if self.tiles.send(stitch).await.is_err() {
@@ -339,6 +351,7 @@ impl Driver {
                 }
             }
         }
+        self.assign();
         for worker in touched {
             let holds = self.scheduler.holds(worker);
             self.figures(worker, |w| w.holds = holds);
@@ -453,31 +466,6 @@ impl Driver {
             seat.cut.cancel();
             self.roster.left(seat.id);
             self.reassign(worker, seat.id);
-        }
-    }
-
-    /// Tells everyone that there is no more work, and waits a little for them to hear it.
-    async fn dismiss(&mut self) {
-        self.seats.retain(|_, seat| {
-            let bye = CoordinatorMessage { kind: Some(Kind::Finished(Finished {})) };
-            seat.mouth.try_send(Ok(bye)).is_ok()
-        });
-        let mut waiting: Vec<WorkerKey> = self.seats.keys().copied().collect();
-        // A worker leaves when it has heard; its stream must stay open until then.
-        // Nobody waits for tiles that come too late.
-        let deadline = Instant::now() + if self.passes.timed_out { Duration::from_millis(10) } else { GOODBYE_WITHIN };
-        while !waiting.is_empty() {
-            match timeout_at(deadline, self.heard.recv()).await {
-                Ok(Some(Heard::Left { worker, .. })) => waiting.retain(|w| *w != worker),
-                Ok(Some(Heard::Joined(late))) => {
-                    let _ = late.reply.send(Err(Status::unavailable("the render is over")));
-                }
-                Ok(Some(Heard::Said { .. } | Heard::Decided { .. })) => {}
-                Ok(None) | Err(_) => break,
-            }
-        }
-        for seat in self.seats.values() {
-            seat.cut.cancel();
         }
     }
 }

@@ -12,7 +12,7 @@ mod service;
 mod stitch;
 mod strangers;
 mod timing;
-mod verify;
+pub(crate) mod verify;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
@@ -208,7 +208,7 @@ impl Farm {
         });
         let (sink, found) = keep(&job);
         let clock = Clock { start, before: job.spent + found.as_ref().map_or(Duration::ZERO, |f| f.spent) };
-        let (left, reader) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader)));
+        let (left, reader, earlier) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader), f.verified));
         let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
         let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader).map_err(|e| internal(&e))?;
         let plan = Plan::new(job.goal, whole, job.region);
@@ -223,7 +223,7 @@ impl Farm {
             progress.clone(),
             passes,
             (start, job.timing),
-            (Verify::new(job.verify, seed), core),
+            (Verify::new(job.verify, seed), core, earlier),
         );
         let (ended, end, passes, verification) = driver.run(&cancel).await;
         let Stitched { image, done } = stitcher.await.map_err(|e| internal(&e))??;
@@ -257,13 +257,12 @@ impl Farm {
     }
 }
 
-/// Starts the job's journal, if it has one, and gives what an earlier run left in it. What may have to be taken back
-/// is not kept: a journal knows neither whose tiles were confirmed nor by which keys.
+/// Starts the job's journal, if it has one, and gives what an earlier run left in it.
 fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
-    let Some(journal) = job.journal.as_ref().filter(|_| job.verify == 0.0) else { return (None, None) };
-    let (scene, goal) = (job.scene.scene().clone(), job.goal);
+    let Some(journal) = &job.journal else { return (None, None) };
+    let (scene, goal, verified) = (job.scene.scene().clone(), job.goal, job.verify > 0.0);
     let (settings, region, pixels) = (job.settings, job.region, job.pixels);
-    journal.start(move || Head::new(&scene, settings, region, pixels, goal))
+    journal.start(move || Head::new(&scene, settings, region, pixels, goal).verified(verified))
 }
 
 /// What renders tiles in this process, one for all its workers.
