@@ -12,6 +12,7 @@ use crate::ids::{Attempt, JobNumber, LeaseId, PassNumber, SceneHash};
 use crate::limits::{
     BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
 };
+use crate::packed::unpack;
 use crate::pixels::{PixelFormat, Pixels};
 use crate::token::Secret;
 use crate::wire;
@@ -315,6 +316,7 @@ impl From<Lease> for wire::Lease {
                 Detail::Within(tolerance) => Wire::ToleranceBillionths(tolerance.billionths()),
             }),
             audit_rate: l.pass.map_or(0, |pass| pass.audit.0),
+            pack: false,
         }
     }
 }
@@ -418,7 +420,10 @@ impl TryFrom<wire::TileDone> for TileDone {
         Ok(Self {
             lease: LeaseId(t.lease),
             attempt: Attempt(t.attempt),
-            pixels: t.pixels,
+            pixels: match t.packed {
+                0 => t.pixels,
+                bytes_per_pixel => unpack(&t.pixels, bytes_per_pixel as usize)?,
+            },
             error: t.error.map_or(Ok(ErrorEstimate::default()), TryInto::try_into)?,
             rays: t.rays.ok_or(Malformed::Missing("the rays"))?.try_into()?,
             busy: Duration::from_micros(t.busy_us),
@@ -438,6 +443,7 @@ impl From<TileDone> for wire::TileDone {
             rays: Some(t.rays.into()),
             busy_us: micros(t.busy),
             idle_us: micros(t.idle),
+            packed: 0,
         }
     }
 }

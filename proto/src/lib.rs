@@ -5,9 +5,11 @@
 //! from it; [`convert`] checks what arrives; [`scene`] is the scene's binary form.
 
 pub mod convert;
+pub mod credential;
 pub mod identity;
 mod ids;
 pub mod limits;
+pub mod packed;
 mod pixels;
 pub mod plausible;
 pub mod scene;

@@ -282,6 +282,7 @@ impl Talk {
                         }
                     }
                     Some(Hear::Lease(lease)) => {
+                        foreman.pack(lease.pack);
                         let lease = Lease::try_from(lease).map_err(|e| Outcome::Lost(format!("a bad lease: {e}")))?;
                         if !foreman.take(lease) {
                             let why = "the coordinator sends more leases than anyone can hold, or before a job is ready";

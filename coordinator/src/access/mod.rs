@@ -8,13 +8,14 @@ mod state;
 mod token_file;
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use rcgen::{BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair};
-use tessera_proto::token::{FARM_NAME, NoRandomness, NotAToken, Pin, Secret, Token};
+use tessera_proto::credential::{self, CredentialError, certificates, private_key};
+use tessera_proto::token::{FARM_NAME, NoRandomness, Pin, Secret, Token};
 use tokio_rustls::rustls::crypto::ring;
-use tokio_rustls::rustls::pki_types::pem::{self, PemObject};
+use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
 use tokio_rustls::rustls::server::{NoClientAuth, WebPkiClientVerifier, danger::ClientCertVerifier};
 use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
@@ -28,37 +29,14 @@ pub enum AccessError {
     /// There is nowhere to keep the authority.
     #[error("neither XDG_STATE_HOME nor HOME is set, so there is no place for the farm's certificate and token")]
     NoHome,
-    /// A file or folder cannot be read or written.
-    #[error("'{}': {source}", .path.display())]
-    File {
-        /// Which.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    /// A token, certificate or key that is not there, or is none.
+    #[error(transparent)]
+    Credential(#[from] CredentialError),
     /// Others than its owner may read a secret.
     #[error("'{0}' may be read by others than its owner, who could join then; first: chmod 600 '{0}'", .path.display())]
     Exposed {
         /// Which.
         path: PathBuf,
-    },
-    /// A file does not hold what it should.
-    #[error("'{}' holds no {what}: {why}", .path.display())]
-    Content {
-        /// Which.
-        path: PathBuf,
-        /// What it should hold.
-        what: &'static str,
-        /// What is wrong with it.
-        why: String,
-    },
-    /// A text that is no token.
-    #[error("{from}: {source}")]
-    Token {
-        /// Where it was given.
-        from: String,
-        /// What is wrong with it.
-        source: NotAToken,
     },
     /// A token of another farm.
     #[error(
@@ -75,12 +53,6 @@ pub enum AccessError {
     /// No secret can be drawn.
     #[error(transparent)]
     Randomness(#[from] NoRandomness),
-}
-
-impl AccessError {
-    fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::File { path: path.into(), source }
-    }
 }
 
 /// Certificates of an authority of one's own, in PEM form.
@@ -168,7 +140,7 @@ impl Access {
     /// When files cannot be read or written or hold something else, or the token names another certificate.
     pub fn by_pki(files: &Pki, state: Option<&State>, token: Option<TokenFrom>) -> Result<Self, AccessError> {
         let chain = certificates(&files.cert)?;
-        let key = PrivateKeyDer::from_pem_file(&files.key).map_err(|e| pem_error(&files.key, "private key", e))?;
+        let key = private_key(&files.key)?;
         let pin = chain.last().map(|c| Pin::of(c)).ok_or_else(|| AccessError::Tls("there is none".into()))?;
         let Some(authorities) = &files.client_ca else {
             let place = || state.map(|s| TokenFrom::File(s.token_path_for(pin))).ok_or(AccessError::NoHome);
@@ -252,7 +224,7 @@ impl TokenSource {
         match from {
             TokenFrom::File(path) => Ok(Self::File(TokenFile::open(path, pin)?)),
             TokenFrom::Text { text, from } => {
-                let token: Token = text.parse().map_err(|source| AccessError::Token { from: from.clone(), source })?;
+                let token = credential::token(&text, &from)?;
                 if token.pin == pin { Ok(Self::Fixed(token.secret)) } else { Err(AccessError::OtherFarm { from }) }
             }
         }
@@ -280,19 +252,6 @@ fn server_config(
         .map_err(|e| wrong(&e))?;
     config.alpn_protocols = vec![b"h2".to_vec()];
     Ok(Arc::new(config))
-}
-
-fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, AccessError> {
-    let wrong = |e| pem_error(path, "certificate", e);
-    let found: Vec<_> = CertificateDer::pem_file_iter(path).map_err(wrong)?.collect::<Result<_, _>>().map_err(wrong)?;
-    if found.is_empty() { Err(wrong(pem::Error::NoItemsFound)) } else { Ok(found) }
-}
-
-fn pem_error(path: &Path, what: &'static str, error: pem::Error) -> AccessError {
-    match error {
-        pem::Error::Io(source) => AccessError::File { path: path.into(), source },
-        other => AccessError::Content { path: path.into(), what, why: other.to_string() },
-    }
 }
 
 /// What signs the certificates of a user's coordinators.

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use tessera_proto::credential::CredentialError;
 use tessera_proto::token::{Pin, Secret, Token};
 
 use super::{AccessError, Authority, TokenFile};
@@ -99,7 +100,7 @@ impl State {
     pub(crate) fn authority(&self) -> Result<Authority, AccessError> {
         let path = self.folder.join(AUTHORITY);
         let text = read_or_make(&path, || Authority::make().map_err(|e| AccessError::Tls(e.to_string())))?;
-        Authority::read(&text).map_err(|why| AccessError::Content { path, what: "certificate and key", why })
+        Authority::read(&text).map_err(|why| CredentialError::Content { path, what: "certificate and key", why }.into())
     }
 }
 
@@ -110,7 +111,8 @@ pub(super) fn read_or_make(
     make: impl FnOnce() -> Result<String, AccessError>,
 ) -> Result<String, AccessError> {
     match read_secret(path) {
-        Err(AccessError::File { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {}
+        Err(AccessError::Credential(CredentialError::File { source, .. }))
+            if source.kind() == std::io::ErrorKind::NotFound => {}
         read => return read,
     }
     let text = make()?;
@@ -123,7 +125,7 @@ pub(super) fn read_or_make(
 
 /// Reads a file that only its owner may read.
 pub(super) fn read_secret(path: &Path) -> Result<String, AccessError> {
-    let wrong = |source| AccessError::File { path: path.into(), source };
+    let wrong = |source| CredentialError::File { path: path.into(), source };
     let file = std::fs::File::open(path).map_err(wrong)?;
     #[cfg(unix)]
     {
@@ -149,7 +151,7 @@ fn write_secret<T>(
     builder.recursive(true);
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(folder).map_err(AccessError::file(folder))?;
+    builder.create(folder).map_err(CredentialError::file(folder))?;
     let write = || {
         // The mode of such a file is 0600 from its beginning.
         let mut file = tempfile::NamedTempFile::new_in(folder)?;
@@ -157,5 +159,5 @@ fn write_secret<T>(
         file.as_file().sync_all()?;
         persist(file)
     };
-    write().map(drop).map_err(AccessError::file(path))
+    Ok(write().map(drop).map_err(CredentialError::file(path))?)
 }

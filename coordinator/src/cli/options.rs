@@ -158,12 +158,7 @@ impl Options {
             (Some(Depth::Sixteen), None) => PixelFormat::Rgb16,
             _ => PixelFormat::F32,
         };
-        let mut journal = super::journal::place(raw.journal, &path);
-        if raw.view.verify > 0.0 && journal.take().is_some() {
-            notes.push(
-                "--verify keeps no journal: an interrupted render begins anew, since tiles may be taken back".into(),
-            );
-        }
+        let journal = super::journal::place(raw.journal, &path);
         let workers = raw.workers.map_or(if raw.listen.is_some() { 0 } else { 2 }, usize::from);
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Self {

@@ -17,7 +17,7 @@ mod shares;
 mod stitch;
 mod strangers;
 mod timing;
-mod verify;
+pub(crate) mod verify;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;

@@ -6,7 +6,7 @@ mod figures;
 mod member;
 mod verification;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use tessera_core::film::Region;
@@ -14,7 +14,7 @@ use tessera_core::settings::Sampling;
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::token::{NoRandomness, random};
 use tessera_proto::wire::coordinator_message::Kind;
-use tessera_proto::wire::{CoordinatorMessage, Revoke};
+use tessera_proto::wire::{self, CoordinatorMessage, Revoke};
 use tessera_proto::{JobNumber, PixelFormat};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
@@ -31,7 +31,7 @@ use crate::scheduler::{self, CutOff, Effect, End, Event, Scheduler, WorkerKey};
 pub(crate) use end::Finished;
 pub(super) use member::{Comer, Note, end_session};
 use member::{Member, keep};
-use verification::{OwnCore, is_check};
+use verification::{OwnCore, is_check, recall};
 
 /// Between two looks at the pulses of workers.
 const PULSE_EVERY: Duration = Duration::from_millis(100);
@@ -64,6 +64,10 @@ pub(super) struct Run {
     /// What decides where workers disagree, until it is started.
     own_core: Option<OwnCore>,
     own: Option<std::sync::mpsc::Sender<verification::Wanted>>,
+    /// Tiles that this process is to render again now.
+    own_busy: usize,
+    /// Checks that nobody was given yet.
+    unassigned: VecDeque<u64>,
     /// When pulses are looked at next.
     pulse_at: Duration,
     last_cause: Option<String>,
@@ -113,17 +117,19 @@ impl Run {
         scheduler.number_leases(number);
         let (sink, found) = keep(&job);
         let clock = Clock { start, before: job.spent + found.as_ref().map_or(Duration::ZERO, |f| f.spent) };
-        let (left, reader) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader)));
+        let (left, reader, earlier) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader), f.verified));
         let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
         let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader, job.canvas.clone().unwrap_or_default())
             .map_err(|e| internal(&e))?;
         let plan = Plan::new(job.goal, whole, job.region);
-        let passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
+        let mut passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
         let seed = random().map_err(|e: NoRandomness| internal(&e))?;
         let verify = Verify::new(job.verify, seed, number);
         if verify.is_on() {
             scheduler.hold();
+            passes.hold();
         }
+        let (roster, verification) = recall(earlier);
         let own_core =
             OwnCore { scene: job.scene, settings: job.settings, format: job.pixels, threads: job.threads.max(1) };
         Ok(Self {
@@ -140,11 +146,13 @@ impl Run {
             leasing: false,
             tiles_of_pass: 0,
             members: BTreeMap::new(),
-            roster: Roster::default(),
+            roster,
             verify,
-            verification: Verification { share: job.verify, ..Verification::default() },
+            verification: Verification { share: job.verify, ..verification },
             own_core: Some(own_core),
             own: None,
+            own_busy: 0,
+            unassigned: VecDeque::new(),
             pulse_at: Duration::ZERO,
             last_cause: None,
             notes: Vec::new(),
@@ -206,11 +214,13 @@ impl Run {
         }
         let Some(step) = turn.step else { return Some(Ok(())) };
         self.pace.begin(self.start.elapsed(), turn.work, step.kept, self.passes.expected());
+        let regions = (turn.nothing_left || !step.regions.is_empty()).then_some(step.regions);
         if std::mem::replace(&mut self.leasing, true) {
-            self.scheduler.begin(step.pass, step.regions, step.dearer);
+            self.scheduler.begin(step.pass, regions, step.dearer);
         } else {
-            self.scheduler.begin_first(step.pass, step.regions);
+            self.scheduler.begin_first(step.pass, regions);
         }
+        self.recover(is_look, &turn.made, turn.made_before.as_deref());
         None
     }
 
@@ -379,6 +389,9 @@ impl Run {
         }
         let teller = event.worker();
         let now = self.start.elapsed();
+        if matches!(event, Event::Tick) {
+            self.unassigned.extend(self.verify.overdue(now));
+        }
         self.feel_pulses(now, &mut effects);
         self.scheduler.handle(event, now, &mut effects);
         let mut end = None;
@@ -387,7 +400,8 @@ impl Run {
             match effect {
                 Effect::Grant { worker, lease } => {
                     touched.insert(worker);
-                    self.say(worker, Kind::Lease(lease.into()));
+                    let pack = self.scheduler.has_narrow_line(worker);
+                    self.say(worker, Kind::Lease(wire::Lease { pack, ..lease.into() }));
                 }
                 Effect::Revoke { worker, lease } => {
                     touched.insert(worker);
@@ -396,10 +410,10 @@ impl Run {
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
                     self.count(worker, region, done);
-                    self.verify(worker, region, done);
                     let name = self.name(worker);
                     let note = self.is_watched.then(|| self.note_of(region, done, &name));
-                    let Some(first) = self.passes.accept(region, done, name) else { continue };
+                    let by = (name, self.verify(worker, region, done));
+                    let Some(first) = self.passes.accept(region, done, by) else { continue };
                     let stitch = Stitch::New { region, pixels: done.pixels.clone(), first, note };
                     // Waits where stitching is slower than the farm; so, then, do the workers.
                     if self.tiles.send(stitch).await.is_err() {
@@ -427,6 +441,7 @@ impl Run {
                 }
             }
         }
+        self.assign();
         for worker in touched {
             let holds = self.scheduler.holds(worker);
             self.figures(worker, |w| w.holds = holds);

@@ -77,11 +77,10 @@ pub(in crate::farm) fn end_session(mouth: &Mouth, cut: &CancellationToken, why: 
     cause
 }
 
-/// Starts the job's journal, if it has one, and gives what an earlier run left in it. What may have to be taken back
-/// is not kept: a journal knows neither whose tiles were confirmed nor by which keys.
+/// Starts the job's journal, if it has one, and gives what an earlier run left in it.
 pub(super) fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
-    let Some(journal) = job.journal.as_ref().filter(|_| job.verify == 0.0) else { return (None, None) };
-    let (scene, goal) = (job.scene.scene().clone(), job.goal);
+    let Some(journal) = &job.journal else { return (None, None) };
+    let (scene, goal, verified) = (job.scene.scene().clone(), job.goal, job.verify > 0.0);
     let (settings, region, pixels) = (job.settings, job.region, job.pixels);
-    journal.start(move || Head::new(&scene, settings, region, pixels, goal))
+    journal.start(move || Head::new(&scene, settings, region, pixels, goal).verified(verified))
 }

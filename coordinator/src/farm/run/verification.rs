@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::settings::{Pass, Settings};
@@ -13,10 +14,12 @@ use tessera_proto::{LeaseId, PixelFormat};
 use worker::Studio;
 
 use super::{Ended, Note, Run};
+use crate::farm::roster::Roster;
 use crate::farm::service::Heard;
 use crate::farm::stitch::Stitch;
-use crate::farm::verify::{Assigned, Closed, Sum, Verify, sum_of};
-use crate::job::{CheckedTile, SceneSource};
+use crate::farm::verify::{Assigned, Closed, Made, Sum, Verify, sum_of};
+use crate::job::{CheckedTile, SceneSource, Verification};
+use crate::journal::{Kept, ThrownOut, Verified};
 use crate::scheduler::{Event, WorkerKey};
 
 /// What this process renders tiles with to decide about others' results: the tracer itself, on threads of its
@@ -28,6 +31,11 @@ pub(crate) struct OwnCore {
     pub(crate) format: PixelFormat,
     pub(crate) threads: usize,
 }
+
+/// Tiles that this process has to render again at once, at most.
+const OWN_AT_ONCE: usize = 2;
+/// Without any worker for so long, this process renders again what an earlier run did.
+const ALONE_AFTER: Duration = Duration::from_secs(2);
 
 /// A tile to be rendered: the check, and what of the picture.
 pub(super) type Wanted = (u64, Region, Option<Pass>);
@@ -70,36 +78,56 @@ impl OwnCore {
 }
 
 impl Run {
-    /// A tile was accepted: another is to confirm it, where that is drawn.
-    pub(super) fn verify(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
-        let Some(maker) = self.members.get(&worker).map(|m| m.id) else { return };
-        if let Some(check) = self.verify.accepted(maker, region, self.passes.detail(), done) {
-            self.assign(check);
+    /// A tile was accepted: another is to confirm it, where that is drawn. Gives whose it is, and the sum of what came,
+    /// where tiles are verified.
+    pub(super) fn verify(&mut self, worker: WorkerKey, region: Region, done: &TileDone) -> Option<(WorkerId, Sum)> {
+        let maker = self.members.get(&worker).filter(|_| self.verify.is_on())?.id;
+        let sum = sum_of(&done.pixels, &done.error);
+        let made = Made { region, maker, error: done.error, verified: false };
+        self.unassigned.extend(self.verify.accepted((made, sum), self.passes.detail(), done.busy));
+        Some((maker, sum))
+    }
+
+    /// Goes on with the verification of what an earlier run did of the pass at hand, and of the picture before.
+    pub(super) fn recover(&mut self, looks: bool, made: &[Kept], before: Option<&[Kept]>) {
+        self.verify.looks(looks);
+        self.unassigned.extend(self.verify.recover(made, before));
+    }
+
+    /// Has tiles rendered again, as far as there is somebody for it.
+    pub(super) fn assign(&mut self) {
+        if self.unassigned.is_empty() {
+            return;
+        }
+        let now = self.start.elapsed();
+        let ready: Vec<_> = self.members.iter().filter(|(_, m)| m.ready).map(|(&k, m)| (k, m.id)).collect();
+        let waited = !ready.is_empty() || now > ALONE_AFTER;
+        while let Some(&check) = self.unassigned.front() {
+            match self.verify.assign(check, &ready, waited && self.own_busy < OWN_AT_ONCE, now) {
+                Some(Assigned::To(worker, lease)) => self.say(worker, Kind::Lease(lease.into())),
+                Some(Assigned::Here { check, region, pass }) => self.check_here((check, region, pass)),
+                Some(Assigned::Later) => return,
+                None => {}
+            }
+            self.unassigned.pop_front();
         }
     }
 
-    /// Has a tile rendered again.
-    fn assign(&mut self, check: u64) {
-        let ready: Vec<_> = self.members.iter().filter(|(_, m)| m.ready).map(|(&k, m)| (k, m.id)).collect();
-        match self.verify.assign(check, &ready) {
-            Some(Assigned::To(worker, lease)) => self.say(worker, Kind::Lease(lease.into())),
-            Some(Assigned::Here { check, region, pass }) => {
-                if let Some(core) = self.own_core.take() {
-                    self.own = Some(core.start(self.heard_by.clone()));
-                }
-                if self.own.as_ref().is_none_or(|own| own.send((check, region, pass)).is_err()) {
-                    self.verify.decided(check, None);
-                }
-            }
-            None => {}
+    /// Has this process render a tile again.
+    fn check_here(&mut self, wanted: Wanted) {
+        if let Some(core) = self.own_core.take() {
+            self.own = Some(core.start(self.heard_by.clone()));
+        }
+        if self.own.as_ref().is_some_and(|own| own.send(wanted).is_ok()) {
+            self.own_busy += 1;
+        } else {
+            self.verify.decided(wanted.0, None);
         }
     }
 
     /// A worker left: its checks go to others.
     pub(super) fn reassign(&mut self, worker: WorkerKey, id: WorkerId) {
-        for check in self.verify.left(worker, id) {
-            self.assign(check);
-        }
+        self.unassigned.extend(self.verify.left(worker, id));
     }
 
     /// A worker did not render a check's tile.
@@ -108,7 +136,8 @@ impl Run {
             && let Some(id) = self.members.get(&worker).map(|m| m.id)
         {
             self.verify.failed(lease, id);
-            self.assign(lease.0);
+            self.unassigned.push_back(lease.0);
+            self.assign();
         }
         None
     }
@@ -131,7 +160,8 @@ impl Run {
         match self.verify.answered(done.lease, id, sum_of(&done.pixels, &done.error)) {
             Some(closed) => self.closed(closed).await,
             None => {
-                self.assign(done.lease.0);
+                self.unassigned.push_front(done.lease.0);
+                self.assign();
                 None
             }
         }
@@ -139,6 +169,7 @@ impl Run {
 
     /// This process rendered a tile again.
     pub(super) async fn decided(&mut self, check: u64, sum: Option<Sum>) -> Ended {
+        self.own_busy = self.own_busy.saturating_sub(1);
         if sum.is_none() {
             tracing::warn!("a tile could not be verified: it cannot be rendered here");
         }
@@ -155,6 +186,7 @@ impl Run {
             checker: closed.checker.map(|id| self.name_of(id)),
             agreed: closed.liars.is_empty(),
         };
+        self.passes.checked(&checked, !closed.liars.contains(&closed.maker));
         self.verification.checks.push(checked);
         for &liar in &closed.liars {
             let end = self.throw_out(liar, closed.region).await;
@@ -177,8 +209,9 @@ impl Run {
         let rule = format!("its tile {x0},{y0} to {x1},{y1} is not what the scene shows");
         let (now, before) = self.verify.take_back(liar);
         tracing::error!("{name} lied: {rule}; {} tiles of it are rendered again", now.len());
-        self.verification.thrown_out.push(name);
-        self.verification.redone += now.len() as u64;
+        let out = ThrownOut { worker: liar, name, rule: rule.clone(), redone: now.len() as u64 };
+        self.verification.thrown_out.push(out.name.clone());
+        self.verification.redone += out.redone;
         self.roster.ban(liar, rule.clone());
         self.notes.push(Note::Ban { id: liar, rule: rule.clone() });
         for made in now.iter().chain(&before) {
@@ -188,7 +221,7 @@ impl Run {
             }
         }
         let regions: Vec<Region> = now.iter().map(|m| m.region).collect();
-        self.passes.take_back(&regions, self.verify.error());
+        self.passes.take_back(&out, &regions, self.verify.error(), !before.is_empty());
         let area: u64 = regions.iter().map(Region::area).sum();
         let place = self.roster.place(liar);
         self.progress.send_modify(|p| {
@@ -210,8 +243,21 @@ impl Run {
     fn name_of(&self, id: WorkerId) -> String {
         let place = self.roster.place(id);
         let progress = self.progress.borrow();
-        place.and_then(|p| progress.workers.get(p)).map_or_else(|| "a worker".into(), |w| w.name.clone())
+        let here = place.and_then(|p| progress.workers.get(p)).map(|w| w.name.as_str());
+        here.or_else(|| self.roster.name_before(id)).unwrap_or("a worker").into()
     }
+}
+
+/// What is known of an earlier run: who was shut out, what workers were called, and what was verified.
+pub(super) fn recall(earlier: Verified) -> (Roster, Verification) {
+    let mut roster = Roster::of(earlier.names);
+    let mut verification = Verification { checks: earlier.checks, ..Verification::default() };
+    for ThrownOut { worker, name, rule, redone } in earlier.thrown_out {
+        roster.ban(worker, rule);
+        verification.thrown_out.push(name);
+        verification.redone += redone;
+    }
+    (roster, verification)
 }
 
 /// Whether an answer is to a check.
