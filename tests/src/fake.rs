@@ -134,7 +134,7 @@ impl Fake {
         let mut fake = Self::register(addr, registration(name)).await.expect("a welcome");
         let job = fake.hear().await;
         assert!(matches!(job, Ok(Some(Hear::Job(_)))), "no job: {job:?}");
-        fake.say(Say::Ready(Ready {})).await;
+        fake.say(Say::Ready(Ready::default())).await;
         fake
     }
 
