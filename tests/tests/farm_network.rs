@@ -15,7 +15,7 @@ use tessera_tests::network::{Fault, Network};
 use tessera_tests::program::{Running, coordinator, program, run, scene};
 
 /// Seconds of one thread.
-const LONG: &str = "--size 240x180 --samples 196 --tile 16";
+const LONG: &str = "--size 240x180 --samples 100 --tile 16";
 /// What even a slow line carries in a few seconds.
 const SHORT: &str = "--size 160x120 --samples 16 --tile 16";
 
