@@ -63,6 +63,7 @@ pub fn done(lease: &Lease, bytes: usize) -> Say {
         lease: lease.lease,
         attempt: lease.attempt,
         pixels: vec![0; bytes].into(),
+        packed: 0,
         rays: Some(RayCounts::default()),
         busy_us: 1000,
         idle_us: 0,
