@@ -20,6 +20,9 @@ struct Entry<S> {
     tracers: Vec<(Settings, Arc<dyn TileTracer>)>,
 }
 
+/// A prepared scene, and its tracer under some settings where that was kept.
+pub(crate) type Found<S> = (Arc<S>, Option<Arc<dyn TileTracer>>);
+
 /// The scenes used last, by content, as far as there is room for them.
 pub(crate) struct SceneCache<S = PreparedScene> {
     limit: u64,
@@ -38,7 +41,7 @@ impl<S> SceneCache<S> {
     }
 
     /// The prepared scene, and its tracer under `settings`, as far as they are here.
-    pub(crate) fn get(&self, hash: SceneHash, settings: &Settings) -> Option<(Arc<S>, Option<Arc<dyn TileTracer>>)> {
+    pub(crate) fn get(&self, hash: SceneHash, settings: &Settings) -> Option<Found<S>> {
         let mut scenes = self.scenes();
         let at = scenes.iter().position(|e| e.hash == hash)?;
         let entry = scenes.remove(at);

@@ -36,7 +36,7 @@ const RETRY_AFTER: Duration = Duration::from_secs(5);
 enum Entry {
     Tile(Box<Accepted>),
     /// Of another kind, and short.
-    Other(Kind),
+    Other(Box<Kind>),
 }
 
 /// A tile, by whom and when.
@@ -74,7 +74,7 @@ impl Entry {
                 let (lease, done, at_us) = (Some(lease.into()), Some(done.into()), super::micros(at));
                 Kind::Tile(journal::Tile { lease, done, worker, at_us, key, sum_sha256 })
             }
-            Self::Other(kind) => kind,
+            Self::Other(kind) => *kind,
         };
         Record { kind: Some(kind) }
     }
@@ -104,7 +104,7 @@ impl Sink {
     pub(crate) fn passed(&mut self, pass: u32, took: Duration, now: Duration) {
         let nanos = |d: Duration| u64::try_from(d.as_nanos()).unwrap_or(u64::MAX);
         let passed = journal::Passed { pass, took_ns: nanos(took), now_ns: nanos(now) };
-        self.send(Entry::Other(Kind::Passed(passed)));
+        self.send(Entry::Other(Box::new(Kind::Passed(passed))));
     }
 
     /// Keeps that a tile of a pass was rendered twice, and whether it is `confirmed`.
@@ -117,13 +117,18 @@ impl Sink {
             agreed: check.agreed,
             confirmed,
         };
-        self.send(Entry::Other(Kind::Checked(checked)));
+        self.send(Entry::Other(Box::new(Kind::Checked(checked))));
     }
 
     /// Keeps that a worker lied: what it made until now counts no more, unless it was confirmed.
     pub(crate) fn thrown_out(&mut self, out: &ThrownOut) {
         let ThrownOut { worker, name, rule, redone } = out.clone();
-        self.send(Entry::Other(Kind::ThrownOut(journal::ThrownOut { key: worker.0.to_vec(), name, rule, redone })));
+        self.send(Entry::Other(Box::new(Kind::ThrownOut(journal::ThrownOut {
+            key: worker.0.to_vec(),
+            name,
+            rule,
+            redone,
+        }))));
     }
 
     fn send(&mut self, entry: Entry) {
@@ -281,7 +286,7 @@ impl Writer {
 
     fn take(&mut self, entry: Entry) {
         let bytes = entry.bytes();
-        let is_vital = matches!(entry, Entry::Other(Kind::ThrownOut(_)));
+        let is_vital = matches!(&entry, Entry::Other(kind) if matches!(**kind, Kind::ThrownOut(_)));
         match &mut self.state {
             State::Waiting(_) => {
                 self.held_bytes += bytes;
