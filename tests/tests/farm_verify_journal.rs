@@ -147,7 +147,7 @@ async fn an_adaptive_render_goes_on_through_its_passes() {
     quiet.job.verify = 0.0;
     let wanted = quiet.start().await.end().await.unwrap();
     let mut passes = 0;
-    for tiles in [20, 60, 100, 60, 40] {
+    for tiles in [60, 240, 400, 240, 100] {
         let honest: Arc<dyn Studio> = Arc::new(Gate::before(Exact, tiles));
         // Looks are checked whole, and of the rest a part: so many of those that are let through are tiles at least.
         let done = tiles as u64 / 4;

@@ -134,7 +134,7 @@ fn run_to_end(at: &Path, of: &str, flags: &str) -> Ended {
 
 #[test]
 fn a_uniform_render_survives_being_killed_again_and_again() {
-    survives("demo.xml", "--size 400x300 --samples 144 --threads 2", 1);
+    survives("demo.xml", "--size 480x360 --samples 400 --threads 2", 1);
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn a_render_within_a_time_survives_being_killed_again_and_again() {
 
 #[test]
 fn a_verified_render_survives_being_killed_again_and_again() {
-    survives("demo.xml", "--size 400x300 --samples 144 --threads 2 --verify 1/4", 5);
+    survives("demo.xml", "--size 480x360 --samples 400 --threads 2 --verify 1/4", 5);
 }
 
 #[test]

@@ -11,7 +11,9 @@ fn on_record() -> Record {
 
 #[test]
 fn pixels_are_those_on_record() {
-    let (record, now) = (on_record(), Record::new(hashes()));
+    let now = Record::new(hashes());
+    let some = std::env::var_os("TESSERA_GOLDEN_WAYS").is_some();
+    let record = if some { on_record().among(&now) } else { on_record() };
     record.replace(&now).unwrap_or_else(|why| panic!("{why}"));
     assert_eq!(record, now, "the record is not of this mode or these cases: 'cargo run -p tessera-tests --bin golden'");
 }
@@ -23,8 +25,8 @@ fn the_record_is_of_this_mode_and_large_enough_to_tell() {
     let mut hashes: Vec<_> = record.hashes.values().collect();
     hashes.sort();
     hashes.dedup();
-    // Each is a picture of its own.
-    assert!(record.hashes.len() >= 36 && hashes.len() + 3 >= record.hashes.len(), "{}", hashes.len());
+    // Each is a picture of its own, but for mirrors, which are read and generated: six pictures and three errors.
+    assert!(record.hashes.len() >= 36 && hashes.len() + 9 >= record.hashes.len(), "{}", hashes.len());
 }
 
 #[test]

@@ -130,7 +130,7 @@ impl Measured {
         let target = self.target;
         match self.recommended() {
             Some(p) => format!(
-                "for an RMSE of at most {target}, the quickest is {}: {} in {} s\n\n  {}\n",
+                "for an RMSE of at most {target}, the quickest is\n{}: {} in {} s\n\n  {}\n",
                 p.flags.join(" "),
                 figure(p.metrics.rmse_steps()),
                 figure(p.trace.as_secs_f64()),

@@ -174,12 +174,12 @@ impl World {
     }
 
     /// Until when it should have been done: after the last fault there is a worker that does all of it in half a
-    /// minute a pass, and whatever else is noticed in a few seconds. What is verified is rendered twice, checks that
-    /// somebody sits on are noticed after ten seconds, and what a liar made is made again.
+    /// minute a pass; leases that nobody answers, and what crawls, are noticed by then as well. What is verified is
+    /// rendered twice, and what a liar made is made again.
     pub(super) fn bound(&self) -> Duration {
         let again = if self.thrown_out > 0 { 1.0 } else { 0.0 };
-        let (times, notice) = if self.verify.is_on() { (1.0 + self.verify.share() + again, 25.0) } else { (1.0, 10.0) };
-        Duration::from_secs_f64(FAULTY + 10.0 + f64::from(self.passes) * 30.0 * times + notice)
+        let times = if self.verify.is_on() { 1.0 + self.verify.share() + again } else { 1.0 };
+        Duration::from_secs_f64(FAULTY + 10.0 + 180.0 * times)
     }
 
     fn happen(&mut self, what: What) {
