@@ -1,4 +1,4 @@
-//! Compiles `farm.proto` and `journal.proto` without protoc, and takes the hash of the sources that decide pixels.
+//! Compiles `farm.proto`, `journal.proto` and `control.proto` without protoc, and takes the hash of the sources that decide pixels.
 
 use std::error::Error;
 use std::fs;
@@ -28,6 +28,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     tonic_prost_build::configure()
         .out_dir(folder)
         .extern_path(".tessera.farm.v1", "crate::wire")
+        .disable_comments(["."])
+        .compile_fds(descriptors)?;
+    let descriptors = protox::compile(["proto/control.proto"], ["proto"])?;
+    let folder = PathBuf::from(std::env::var("OUT_DIR")?).join("control");
+    fs::create_dir_all(&folder)?;
+    tonic_prost_build::configure()
+        .out_dir(folder)
+        .extern_path(".tessera.farm.v1", "crate::wire")
+        .bytes(".tessera.control.v1.ScenePart.data")
+        .bytes(".tessera.control.v1.PicturePart.data")
         .disable_comments(["."])
         .compile_fds(descriptors)?;
     println!("cargo::rustc-env=TESSERA_SOURCES={}", sources()?);

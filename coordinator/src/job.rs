@@ -11,7 +11,7 @@ use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_proto::{PixelFormat, Pixels};
 use worker::{Exact, Studio};
 
-use crate::farm::Timing;
+use crate::farm::{Canvas, Timing};
 use crate::journal::Journal;
 use crate::plan::{Forecast, Goal};
 
@@ -113,6 +113,8 @@ pub struct RenderJob {
     pub journal: Option<Arc<Journal>>,
     /// Time that passed before the render, where it counts against a limit.
     pub spent: Duration,
+    /// Where others see the picture as it grows, if anybody looks.
+    pub canvas: Option<Canvas>,
     /// What renders tiles in this process: the tracer, or in tests something else.
     pub studio: Arc<dyn Studio>,
 }
@@ -136,6 +138,7 @@ impl RenderJob {
             timing: Timing::default(),
             journal: None,
             spent: Duration::ZERO,
+            canvas: None,
             studio: Arc::new(Exact),
         }
     }

@@ -7,12 +7,15 @@ pub mod journal;
 pub mod measure;
 mod plan;
 pub mod povray;
+mod queue;
 mod scheduler;
+pub mod web;
 
-pub use farm::{Farm, Timing, render};
+pub use farm::{Canvas, Farm, Timing, render};
 pub use job::{
     CheckedTile, Earlier, ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize,
     Unfinished, Verification, WorkerStats,
 };
 pub use plan::{Forecast, Goal};
+pub use queue::{Keep, Orders, Queue, StoreError};
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -8,10 +8,11 @@ use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Settin
 use tessera_core::trace::RayCounts;
 
 use crate::identity::WorkerId;
-use crate::ids::{Attempt, LeaseId, PassNumber, SceneHash};
+use crate::ids::{Attempt, JobNumber, LeaseId, PassNumber, SceneHash};
 use crate::limits::{
     BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
 };
+use crate::packed::unpack;
 use crate::pixels::{PixelFormat, Pixels};
 use crate::token::Secret;
 use crate::wire;
@@ -139,9 +140,11 @@ pub fn cause(text: &str) -> String {
     printable(cut(text, MAX_CAUSE_BYTES))
 }
 
-/// What a session renders.
+/// What a worker renders until another one comes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
+    /// Which job.
+    pub number: JobNumber,
     /// The scene's hash and length, or `None` where the worker was given the scene.
     pub scene: Option<(SceneHash, u64)>,
     /// How it is seen.
@@ -158,6 +161,7 @@ impl From<Job> for wire::Job {
             scene_bytes,
             settings: Some(job.settings.into()),
             pixels: wire::PixelFormat::from(job.pixels).into(),
+            job: job.number.0,
         }
     }
 }
@@ -167,6 +171,9 @@ impl TryFrom<wire::Job> for Job {
 
     fn try_from(job: wire::Job) -> Result<Self, Malformed> {
         let pixels = job.pixels().try_into()?;
+        if job.job >= JobNumber::END {
+            return Err(Malformed::Range("the job's number"));
+        }
         let scene = if job.scene_sha256.is_empty() {
             None
         } else {
@@ -177,7 +184,7 @@ impl TryFrom<wire::Job> for Job {
             Some((SceneHash(hash), job.scene_bytes))
         };
         let settings = job.settings.ok_or(Malformed::Missing("settings"))?.try_into()?;
-        Ok(Self { scene, settings, pixels })
+        Ok(Self { number: JobNumber(job.job), scene, settings, pixels })
     }
 }
 
@@ -309,6 +316,7 @@ impl From<Lease> for wire::Lease {
                 Detail::Within(tolerance) => Wire::ToleranceBillionths(tolerance.billionths()),
             }),
             audit_rate: l.pass.map_or(0, |pass| pass.audit.0),
+            pack: false,
         }
     }
 }
@@ -412,7 +420,10 @@ impl TryFrom<wire::TileDone> for TileDone {
         Ok(Self {
             lease: LeaseId(t.lease),
             attempt: Attempt(t.attempt),
-            pixels: t.pixels,
+            pixels: match t.packed {
+                0 => t.pixels,
+                bytes_per_pixel => unpack(&t.pixels, bytes_per_pixel as usize)?,
+            },
             error: t.error.map_or(Ok(ErrorEstimate::default()), TryInto::try_into)?,
             rays: t.rays.ok_or(Malformed::Missing("the rays"))?.try_into()?,
             busy: Duration::from_micros(t.busy_us),
@@ -432,6 +443,7 @@ impl From<TileDone> for wire::TileDone {
             rays: Some(t.rays.into()),
             busy_us: micros(t.busy),
             idle_us: micros(t.idle),
+            packed: 0,
         }
     }
 }

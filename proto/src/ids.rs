@@ -25,8 +25,34 @@ id! {
     LeaseId
 }
 id! {
+    /// One job as the farm's workers know it, below [`JobNumber::END`]; a job that is begun anew gets another number.
+    JobNumber
+}
+id! {
     /// One worker from its start to its end, over all its sessions. Drawn at random.
     InstanceId
+}
+
+/// Bits of a lease that are its number within its job.
+const WITHIN_JOB: u32 = 36;
+
+impl JobNumber {
+    /// All numbers are below.
+    pub const END: u64 = 1 << 27;
+
+    /// The lease of this job that has the number `within` it.
+    #[must_use]
+    pub fn lease(self, within: u64) -> LeaseId {
+        LeaseId(self.0 << WITHIN_JOB | within)
+    }
+}
+
+impl LeaseId {
+    /// The job that it is of.
+    #[must_use]
+    pub fn job(self) -> JobNumber {
+        JobNumber(self.0 >> WITHIN_JOB & (JobNumber::END - 1))
+    }
 }
 
 /// How often a region had been leased before.

@@ -5,15 +5,17 @@
 //! from it; [`convert`] checks what arrives; [`scene`] is the scene's binary form.
 
 pub mod convert;
+pub mod credential;
 pub mod identity;
 mod ids;
 pub mod limits;
+pub mod packed;
 mod pixels;
 pub mod plausible;
 pub mod scene;
 pub mod token;
 
-pub use ids::{Attempt, InstanceId, LeaseId, PassNumber, SceneHash, SessionId};
+pub use ids::{Attempt, InstanceId, JobNumber, LeaseId, PassNumber, SceneHash, SessionId};
 pub use pixels::{PixelFormat, Pixels};
 
 /// What is generated from `farm.proto`, documented there.
@@ -26,4 +28,10 @@ pub mod wire {
 #[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated; journal.proto is its documentation")]
 pub mod journal {
     include!(concat!(env!("OUT_DIR"), "/journal/tessera.journal.v1.rs"));
+}
+
+/// What is generated from `control.proto`, documented there.
+#[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated; control.proto is its documentation")]
+pub mod control {
+    include!(concat!(env!("OUT_DIR"), "/control/tessera.control.v1.rs"));
 }

@@ -12,6 +12,9 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
+    /// All there are.
+    pub const ALL: [Self; 3] = [Self::Rgb8, Self::Rgb16, Self::F32];
+
     /// Bytes of one pixel on the wire.
     #[must_use]
     pub fn bytes_per_pixel(self) -> usize {

@@ -63,6 +63,7 @@ pub fn done(lease: &Lease, bytes: usize) -> Say {
         lease: lease.lease,
         attempt: lease.attempt,
         pixels: vec![0; bytes].into(),
+        packed: 0,
         rays: Some(RayCounts::default()),
         busy_us: 1000,
         idle_us: 0,
@@ -134,7 +135,7 @@ impl Fake {
         let mut fake = Self::register(addr, registration(name)).await.expect("a welcome");
         let job = fake.hear().await;
         assert!(matches!(job, Ok(Some(Hear::Job(_)))), "no job: {job:?}");
-        fake.say(Say::Ready(Ready {})).await;
+        fake.say(Say::Ready(Ready::default())).await;
         fake
     }
 

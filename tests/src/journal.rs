@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use prost::Message;
-use tessera_proto::journal::{Head, Passed, Record, Tile, record::Kind};
+use tessera_proto::journal::{Checked, Head, Passed, Record, ThrownOut, Tile, record::Kind};
 
 /// What a journal holds.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,6 +15,10 @@ pub struct Contents {
     pub tiles: Vec<Tile>,
     /// Passes that ended.
     pub passed: Vec<Passed>,
+    /// Tiles that were rendered a second time.
+    pub checked: Vec<Checked>,
+    /// Workers that lied; what they made, and nobody had confirmed, is not among the tiles any more.
+    pub thrown_out: Vec<ThrownOut>,
     /// Bytes of all that.
     pub bytes: u64,
 }
@@ -38,9 +42,21 @@ impl Contents {
                 Kind::Head(head) => assert!(contents.head.replace(head).is_none(), "two heads"),
                 Kind::Tile(tile) => contents.tiles.push(tile),
                 Kind::Passed(passed) => contents.passed.push(passed),
+                Kind::Checked(checked) => contents.checked.push(checked),
+                Kind::ThrownOut(out) => contents.throw_out(out),
             }
         }
         contents
+    }
+
+    fn throw_out(&mut self, out: ThrownOut) {
+        let Self { tiles, checked, .. } = self;
+        tiles.retain(|tile| {
+            let lease = tile.lease.as_ref().expect("a lease");
+            let confirms = |c: &Checked| c.confirmed && c.pass == lease.pass && c.region == lease.region;
+            tile.key != out.key || checked.iter().any(confirms)
+        });
+        self.thrown_out.push(out);
     }
 
     /// Pixels that were accepted, over all passes.

@@ -1,10 +1,11 @@
 //! The extremes suite: mirrors and long paths.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DVec3, dvec3};
 use tessera_core::film::Region;
-use tessera_core::settings::{Settings, View};
+use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, View};
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_tests::compare::{Image, assert_same_picture, difference};
 use tessera_tests::generate::{Document, Item, Look, globe};
@@ -194,4 +195,28 @@ fn what_stays_open_is_counted() {
     // Flat mirrors take no digits, however many.
     let flat = Subject::new(&facing(0.25, 1.0)).trace(&deep(16, 12, 1000)).1;
     assert_eq!(flat.unresolved, 0, "{flat:?}");
+}
+
+#[test]
+fn what_nobody_wants_any_more_is_stopped_however_long_its_paths() {
+    let unwanted = Arc::new(AtomicBool::new(false));
+    let scene = Arc::new(facing(0.25, 1.0).scene().unwrap());
+    for sampling in [Sampling::Uniform { grid: Sampling::MAX_GRID }, Sampling::Adaptive] {
+        unwanted.store(false, Ordering::Relaxed);
+        let settings = Settings { sampling, ..deep(64, 64, Settings::MAX_DEPTH) };
+        let prepared = Arc::new(PreparedScene::build(Arc::clone(&scene)));
+        let tracer = Tracer::new(prepared, settings).unwrap().until(Arc::clone(&unwanted));
+        let (began, has_begun) = std::sync::mpsc::channel();
+        let tile = std::thread::spawn(move || {
+            began.send(()).unwrap();
+            tracer.render_pass(
+                Region { x0: 0, y0: 0, x1: 64, y1: 64 },
+                Pass { detail: Detail::Within(Tolerance::MIN), audit: AuditRate::ALL },
+            )
+        });
+        has_begun.recv().unwrap();
+        // Left alone it would take days.
+        unwanted.store(true, Ordering::Relaxed);
+        tile.join().unwrap();
+    }
 }

@@ -148,7 +148,7 @@ async fn a_message_over_the_limit_ends_the_session() {
 #[tokio::test]
 async fn floods_of_small_words_end_the_session() {
     let words = |n: usize| match n {
-        0 => Say::Ready(Ready {}),
+        0 => Say::Ready(Ready::default()),
         1 => Say::Draining(Draining {}),
         2 => Say::LeaseReturned(LeaseReturned { lease: 99, attempt: 0 }),
         3 => Say::TileFailed(TileFailed { lease: 99, attempt: 0, cause: "?".into() }),
@@ -186,7 +186,7 @@ async fn whoever_does_not_fit_is_refused_with_the_reason() {
     ] {
         assert_eq!(Fake::register(running.addr, bad).await.unwrap_err().code(), Code::InvalidArgument);
     }
-    for words in [None, Some(Say::Ready(Ready {}))] {
+    for words in [None, Some(Say::Ready(Ready::default()))] {
         let status = Fake::first_words(running.addr, words).await.unwrap_err();
         assert_eq!(status.code(), Code::InvalidArgument);
     }

@@ -98,7 +98,7 @@ async fn all_holders_of_the_last_tile_vanish_together_and_others_come() {
         for n in 0..3 {
             let register = fake::registration(&format!("holder-{round}-{n}"));
             let holder = Fake::register(running.addr, register).await.unwrap();
-            holder.say(tessera_proto::wire::worker_message::Kind::Ready(tessera_proto::wire::Ready {})).await;
+            holder.say(tessera_proto::wire::worker_message::Kind::Ready(tessera_proto::wire::Ready::default())).await;
             holders.push(holder);
         }
         // Copies are given when the first holder is overdue.

@@ -60,13 +60,22 @@ fn picture(at: &TempDir, name: &str) -> Stored {
 /// More than any test renders, and not too dear to be gone on with.
 const LONG: &str = "-o long.png --size 2000x2000 --samples 256 --tile 16 --threads 2";
 
-/// Times that each job is killed; more of them where someone has the time.
+/// Times that each of the five jobs is killed; more of them where someone has the time.
 fn kills() -> u32 {
-    std::env::var("TESSERA_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
+    std::env::var("TESSERA_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(40)
 }
 
-/// Kills a render at random instants and lets it go on each time; its end must be the quiet run's.
+/// Kills a render at random instants and lets it go on each time; its end must be the quiet run's. Where it comes to an
+/// end before it was killed often enough, it begins anew.
 fn survives(of: &str, flags: &str, seed: u64) {
+    let (mut killed, mut seed) = (0, seed << 32);
+    while killed < kills() {
+        killed += survives_once(of, flags, seed, kills() - killed);
+        seed += 1;
+    }
+}
+
+fn survives_once(of: &str, flags: &str, seed: u64, kills: u32) -> u32 {
     let at = tempdir().unwrap();
     let quiet = run_to_end(at.path(), of, &format!("{flags} -o quiet.pfm --report quiet.json --journal none"));
     assert_eq!(quiet.code, Some(0), "{}", quiet.err);
@@ -75,9 +84,9 @@ fn survives(of: &str, flags: &str, seed: u64) {
     let journal = at.path().join("a.pfm.journal");
     let (mut random, mut before) = (Random::new(seed), Contents::read(&journal));
     let mut killed = 1;
-    while killed < kills() {
+    while killed < kills {
         let mut child = command(at.path(), of, &flags).stderr(Stdio::null()).spawn().unwrap();
-        std::thread::sleep(Duration::from_micros(40_000 + random.below(260_000)));
+        std::thread::sleep(Duration::from_micros(10_000 + random.below(240_000)));
         child.kill().unwrap();
         if child.wait().unwrap().code().is_some() {
             // It was done before it could be killed.
@@ -116,6 +125,7 @@ fn survives(of: &str, flags: &str, seed: u64) {
     }
     assert_eq!(std::fs::read(at.path().join("a.pfm")).unwrap(), std::fs::read(at.path().join("quiet.pfm")).unwrap());
     assert_eq!(names(at.path()), set(["a.json", "a.pfm", "quiet.json", "quiet.pfm"]));
+    killed
 }
 
 fn run_to_end(at: &Path, of: &str, flags: &str) -> Ended {
@@ -124,7 +134,7 @@ fn run_to_end(at: &Path, of: &str, flags: &str) -> Ended {
 
 #[test]
 fn a_uniform_render_survives_being_killed_again_and_again() {
-    survives("demo.xml", "--size 400x300 --samples 144 --threads 2", 1);
+    survives("demo.xml", "--size 480x360 --samples 400 --threads 2", 1);
 }
 
 #[test]
@@ -140,6 +150,11 @@ fn a_render_towards_an_error_survives_being_killed_again_and_again() {
 #[test]
 fn a_render_within_a_time_survives_being_killed_again_and_again() {
     survives("mirrors.xml", "--size 240x180 --time-limit 2h --max-error 0.3 --threads 2", 4);
+}
+
+#[test]
+fn a_verified_render_survives_being_killed_again_and_again() {
+    survives("demo.xml", "--size 480x360 --samples 400 --threads 2 --verify 1/4", 5);
 }
 
 #[test]

@@ -4,16 +4,16 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use tessera_proto::credential::{self, CredentialError, certificates, private_key};
 use tessera_proto::limits::REGISTER_WITHIN;
-use tessera_proto::token::{FARM_NAME, NotAToken, Pin, Secret, Token};
+use tessera_proto::token::{FARM_NAME, Pin, Secret, Token};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::client::WebPkiServerVerifier;
 use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
-use tokio_rustls::rustls::pki_types::pem::{self, PemObject};
-use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
+use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName, UnixTime};
 use tokio_rustls::rustls::{
     CertificateError, ClientConfig, DigitallySignedStruct, Error as TlsError, RootCertStore, SignatureScheme, version,
 };
@@ -35,32 +35,9 @@ pub struct PkiFiles {
 /// Why there is no way in by what was given.
 #[derive(Debug, thiserror::Error)]
 pub enum AccessError {
-    /// A file cannot be read.
-    #[error("cannot read '{}': {source}", .path.display())]
-    File {
-        /// Which.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file does not hold what it should.
-    #[error("'{}' holds no {what}: {why}", .path.display())]
-    Content {
-        /// Which.
-        path: PathBuf,
-        /// What it should hold.
-        what: &'static str,
-        /// What is wrong with it.
-        why: String,
-    },
-    /// A text that is no token.
-    #[error("{from}: {source}")]
-    Token {
-        /// Where it was given.
-        from: String,
-        /// What is wrong with it.
-        source: NotAToken,
-    },
+    /// A token, certificate or key that is not there, or is none.
+    #[error(transparent)]
+    Credential(#[from] CredentialError),
     /// A certificate without its key, or the other way round.
     #[error("--tls-cert and --tls-key belong together")]
     Half,
@@ -176,31 +153,13 @@ impl<T: AsyncRead + AsyncWrite + Send + Unpin> Stream for T {}
 /// A connection, with TLS or without.
 pub(crate) type Wire = Box<dyn Stream>;
 
-/// The certificates in a PEM file.
-fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, AccessError> {
-    let wrong = |e| pem_error(path, "certificate", e);
-    let found: Vec<_> = CertificateDer::pem_file_iter(path).map_err(wrong)?.collect::<Result<_, _>>().map_err(wrong)?;
-    if found.is_empty() { Err(wrong(pem::Error::NoItemsFound)) } else { Ok(found) }
-}
-
-fn private_key(path: &Path) -> Result<PrivateKeyDer<'static>, AccessError> {
-    PrivateKeyDer::from_pem_file(path).map_err(|e| pem_error(path, "private key", e))
-}
-
 fn roots(path: &Path) -> Result<RootCertStore, AccessError> {
     let mut roots = RootCertStore::empty();
     for certificate in certificates(path)? {
-        let why = |e: TlsError| AccessError::Content { path: path.into(), what: "authority", why: e.to_string() };
+        let why = |e: TlsError| CredentialError::Content { path: path.into(), what: "authority", why: e.to_string() };
         roots.add(certificate).map_err(why)?;
     }
     Ok(roots)
-}
-
-fn pem_error(path: &Path, what: &'static str, error: pem::Error) -> AccessError {
-    match error {
-        pem::Error::Io(source) => AccessError::File { path: path.into(), source },
-        other => AccessError::Content { path: path.into(), what, why: other.to_string() },
-    }
 }
 
 /// Takes the certificate that a token names, or one that the named one has signed.
@@ -268,15 +227,14 @@ pub fn given_token(
     file: Option<&Path>,
     environment: Option<&str>,
 ) -> Result<Option<Token>, AccessError> {
-    let parse = |text: &str, from: String| text.parse().map_err(|source| AccessError::Token { from, source });
-    match (text, file, environment) {
-        (Some(text), ..) => parse(text, "--token".into()).map(Some),
+    let found = match (text, file, environment) {
+        (Some(text), ..) => credential::token(text, "--token")?,
         (None, Some(path), _) => {
-            let text = std::fs::read_to_string(path);
-            let text = text.map_err(|source| AccessError::File { path: path.into(), source })?;
-            parse(&text, format!("'{}'", path.display())).map(Some)
+            let text = std::fs::read_to_string(path).map_err(CredentialError::file(path))?;
+            credential::token(&text, format!("'{}'", path.display()))?
         }
-        (None, None, Some(text)) if !text.is_empty() => parse(text, "TESSERA_TOKEN".into()).map(Some),
-        _ => Ok(None),
-    }
+        (None, None, Some(text)) if !text.is_empty() => credential::token(text, "TESSERA_TOKEN")?,
+        _ => return Ok(None),
+    };
+    Ok(Some(found))
 }

@@ -73,7 +73,8 @@ impl fmt::Display for Address {
 
 impl Address {
     /// The host alone, without the brackets of an IPv6 address.
-    pub(crate) fn host(&self) -> &str {
+    #[must_use]
+    pub fn host(&self) -> &str {
         self.host.trim_start_matches('[').trim_end_matches(']')
     }
 

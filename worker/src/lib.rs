@@ -11,6 +11,7 @@ mod cache;
 mod error;
 mod heart;
 mod memory;
+mod prepare;
 mod render;
 mod session;
 mod studio;
@@ -29,6 +30,7 @@ pub use backoff::Backoff;
 pub use error::WorkerError;
 pub use memory::{Bytes, default_limit};
 pub use render::encode_tile;
+pub use session::{Credentials, dial};
 pub use studio::{Exact, Studio, TileTracer};
 
 use cache::SceneCache;
@@ -51,6 +53,8 @@ pub struct Config {
     pub local: Option<LocalScene>,
     /// Bytes that a scene may take, prepared.
     pub max_memory: u64,
+    /// Bytes that prepared scenes may take together, the one at work excepted.
+    pub cache: u64,
     /// How long a tile at work may go on when this worker is asked to leave; then its lease is given back.
     pub leave_within: Duration,
     /// What renders tiles.
@@ -75,6 +79,7 @@ impl Config {
             once: false,
             local: None,
             max_memory: default_limit(),
+            cache: default_limit() / 2,
             leave_within: Duration::from_secs(20),
             studio: Arc::new(Exact),
             backoff: Backoff::default(),
@@ -112,6 +117,8 @@ impl std::fmt::Debug for LocalScene {
 pub enum Left {
     /// The coordinator has no more work, and that was all that was wanted.
     Finished,
+    /// Somebody had it leave, where the farm is.
+    Dismissed,
     /// It was asked to stop, and returned what it had not begun.
     Stopped,
     /// Its lifetime was over, and it returned what it had not begun.
@@ -134,8 +141,7 @@ pub async fn run(config: Config, stop: CancellationToken) -> Result<Left, Worker
     let session = Session {
         identity: Identity::new()?,
         pool: Arc::new(pool),
-        cache: SceneCache::default(),
-        last: session::LastTracer::default(),
+        cache: SceneCache::new(config.cache),
         config: config.clone(),
     };
     let Some(lifetime) = config.lifetime else { return work(&session, &stop).await };
@@ -169,10 +175,11 @@ async fn work(session: &Session, stop: &CancellationToken) -> Result<Left, Worke
         }
         match outcome {
             Outcome::Stopped => return Ok(Left::Stopped),
+            Outcome::Dismissed => return Ok(Left::Dismissed),
             Outcome::Finished if config.once => return Ok(Left::Finished),
             Outcome::Finished => tracing::info!("the coordinator has no more work; waiting for the next"),
             Outcome::Refused(why) => return Err(WorkerError::Refused(why)),
-            Outcome::Lost(why) | Outcome::Unable(why) => {
+            Outcome::Lost(why) => {
                 let left = config.give_up_after.map(|time| time.saturating_sub(alone_since.elapsed()));
                 if left == Some(Duration::ZERO) {
                     let address = config.connect.to_string();

@@ -68,6 +68,10 @@ struct Args {
     #[arg(long, value_name = "SIZE")]
     max_memory: Option<Bytes>,
 
+    /// Memory for prepared scenes that are kept for later jobs. [default: half of --max-memory]
+    #[arg(long, value_name = "SIZE")]
+    cache: Option<Bytes>,
+
     /// Threads that render. [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     threads: Option<u32>,
@@ -158,6 +162,7 @@ fn run(args: Args) -> Result<ExitCode, MainError> {
     if let Some(Bytes(bytes)) = args.max_memory {
         config.max_memory = bytes;
     }
+    config.cache = args.cache.map_or(config.max_memory / 2, |Bytes(bytes)| bytes);
     if let Some(threads) = args.threads {
         config.threads = threads as usize;
     }
@@ -184,6 +189,7 @@ fn run(args: Args) -> Result<ExitCode, MainError> {
 fn reason(left: Left) -> &'static str {
     match left {
         Left::Finished => "left: no more work",
+        Left::Dismissed => "left: somebody had it leave, where the farm is",
         Left::Stopped => "left: told to stop",
         Left::Expired => "left: its lifetime is over",
     }

@@ -44,9 +44,14 @@ pub fn default_limit() -> u64 {
     least.map_or(u64::MAX, |bytes| bytes / 4 * 3)
 }
 
+/// Memory that a scene takes once prepared, at most.
+pub(crate) fn prepared_bytes(scene_bytes: u64) -> u64 {
+    scene_bytes.saturating_mul(PREPARED)
+}
+
 /// Why a scene of so many bytes cannot be held within `limit`, if it cannot.
 pub(crate) fn too_large(scene_bytes: u64, limit: u64) -> Option<String> {
-    let needed = scene_bytes.saturating_mul(PREPARED);
+    let needed = prepared_bytes(scene_bytes);
     let mib = |bytes: u64| bytes.div_ceil(1 << 20);
     (needed > limit).then(|| {
         format!("the scene may take {} MiB of memory, and --max-memory allows {} MiB here", mib(needed), mib(limit))

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -11,36 +12,51 @@ use tessera_core::settings::Transfer;
 use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{Lease, TileDone, pixel_bytes};
 use tessera_proto::limits::MAX_LEASES;
+use tessera_proto::packed::pack;
 use tessera_proto::wire::{self, WorkerMessage, worker_message::Kind};
 use tessera_proto::{LeaseId, PixelFormat, Pixels};
 use tokio::sync::mpsc;
 
 use crate::studio::TileTracer;
 
+/// What renders a job's tiles, and how they travel.
+pub(crate) struct JobTracer {
+    pub(crate) tracer: Arc<dyn TileTracer>,
+    pub(crate) format: PixelFormat,
+    pub(crate) transfer: Transfer,
+}
+
 /// Renders one session's leases, oldest first, on a rayon pool.
 ///
 /// Deliveries go into a bounded channel: where the network is slower than the threads, the
-/// threads wait, and memory does not grow.
-#[derive(Clone)]
+/// threads wait, and memory does not grow. When it is dropped, what is at work is given up.
 pub(crate) struct Foreman(Arc<Inner>);
+
+impl Drop for Foreman {
+    fn drop(&mut self) {
+        self.clear();
+        self.give_up();
+    }
+}
 
 struct Inner {
     pool: Arc<ThreadPool>,
-    tracer: Arc<dyn TileTracer>,
-    format: PixelFormat,
-    transfer: Transfer,
     /// Leases rendered at once: two where there are many threads, so that none stands still
     /// while the last ones finish a tile.
     at_once: usize,
     out: mpsc::Sender<WorkerMessage>,
+    /// Whether pixels are packed, for a slow line.
+    pack: AtomicBool,
     desk: Mutex<Desk>,
 }
 
 struct Desk {
-    queue: VecDeque<Lease>,
+    /// What renders the leases that come; `None` while no job is ready.
+    job: Option<Arc<JobTracer>>,
+    queue: VecDeque<(Lease, Arc<JobTracer>)>,
     running: usize,
-    /// Those that are rendered now.
-    at_work: Vec<Lease>,
+    /// Those that are rendered now, and whether they are not wanted any more.
+    at_work: Vec<(Lease, Arc<AtomicBool>)>,
     /// Nobody waits for what is rendered.
     given_up: bool,
     /// When a tile was last finished; before the first, when the session began.
@@ -50,15 +66,11 @@ struct Desk {
 }
 
 impl Foreman {
-    pub(crate) fn new(
-        pool: Arc<ThreadPool>,
-        tracer: Arc<dyn TileTracer>,
-        (format, transfer): (PixelFormat, Transfer),
-        out: mpsc::Sender<WorkerMessage>,
-    ) -> Self {
+    pub(crate) fn new(pool: Arc<ThreadPool>, out: mpsc::Sender<WorkerMessage>) -> Self {
         let at_once = if pool.current_num_threads() > 1 { 2 } else { 1 };
         let now = Instant::now();
         let desk = Mutex::new(Desk {
+            job: None,
             queue: VecDeque::new(),
             running: 0,
             at_work: Vec::new(),
@@ -66,16 +78,31 @@ impl Foreman {
             last_end: now,
             last_sent: now,
         });
-        Self(Arc::new(Inner { pool, tracer, format, transfer, at_once, out, desk }))
+        Self(Arc::new(Inner { pool, at_once, out, pack: AtomicBool::new(false), desk }))
     }
 
-    /// Adds a lease to the queue; false where that holds too many.
+    /// Says whether the line is slow, so that pixels had better be packed.
+    pub(crate) fn pack(&self, pack: bool) {
+        self.0.pack.store(pack, Ordering::Relaxed);
+    }
+
+    /// Renders by `job` what comes from now on; without one, nothing may come. Gives the leases of the job before
+    /// that were not begun.
+    pub(crate) fn turn_to(&self, job: Option<JobTracer>) -> Vec<Lease> {
+        let mut desk = self.0.desk();
+        if job.is_some() {
+            // The time that preparing took was not spent waiting for leases.
+            desk.last_end = Instant::now();
+        }
+        desk.job = job.map(Arc::new);
+        desk.queue.drain(..).map(|(lease, _)| lease).collect()
+    }
+
+    /// Adds a lease to the queue; false where that holds too many, or no job is ready.
     pub(crate) fn take(&self, lease: Lease) -> bool {
         let mut desk = self.0.desk();
-        if desk.queue.len() >= MAX_LEASES {
-            return false;
-        }
-        desk.queue.push_back(lease);
+        let Some(job) = desk.job.clone().filter(|_| desk.queue.len() < MAX_LEASES) else { return false };
+        desk.queue.push_back((lease, job));
         if desk.running < self.0.at_once {
             desk.running += 1;
             let inner = self.0.clone();
@@ -88,19 +115,25 @@ impl Foreman {
     pub(crate) fn give_up(&self) -> Vec<Lease> {
         let mut desk = self.0.desk();
         desk.given_up = true;
-        std::mem::take(&mut desk.at_work)
+        let at_work = std::mem::take(&mut desk.at_work);
+        at_work.iter().for_each(|(_, unwanted)| unwanted.store(true, Ordering::Relaxed));
+        at_work.into_iter().map(|(lease, _)| lease).collect()
     }
 
-    /// Takes a lease off the queue, if it has not begun.
+    /// Takes a lease off the queue, if it has not begun; else it is stopped, and given back where it is rendered.
     pub(crate) fn revoke(&self, lease: LeaseId) -> Option<Lease> {
         let mut desk = self.0.desk();
-        let at = desk.queue.iter().position(|l| l.id == lease)?;
-        desk.queue.remove(at)
+        if let Some((_, unwanted)) = desk.at_work.iter().find(|(l, _)| l.id == lease) {
+            unwanted.store(true, Ordering::Relaxed);
+            return None;
+        }
+        let at = desk.queue.iter().position(|(l, _)| l.id == lease)?;
+        desk.queue.remove(at).map(|(lease, _)| lease)
     }
 
     /// Takes everything off the queue.
     pub(crate) fn clear(&self) -> Vec<Lease> {
-        self.0.desk().queue.drain(..).collect()
+        self.0.desk().queue.drain(..).map(|(lease, _)| lease).collect()
     }
 
     /// Whether nothing is being rendered or delivered.
@@ -117,19 +150,25 @@ impl Inner {
     /// Renders from the queue until it is empty or nobody wants the results.
     fn run(&self) {
         loop {
-            let (lease, start, idle) = {
+            let unwanted = Arc::new(AtomicBool::new(false));
+            let (lease, job, start, idle) = {
                 let mut desk = self.desk();
-                let Some(lease) = desk.queue.pop_front().filter(|_| !self.out.is_closed()) else {
+                let Some((lease, job)) = desk.queue.pop_front().filter(|_| !self.out.is_closed()) else {
                     desk.running -= 1;
                     return;
                 };
                 let start = Instant::now();
-                desk.at_work.push(lease);
+                desk.at_work.push((lease, Arc::clone(&unwanted)));
                 let before = desk.last_end.max(desk.last_sent).min(start);
                 let idle = if desk.running == 1 { start - before } else { Duration::ZERO };
-                (lease, start, idle)
+                (lease, job, start, idle)
             };
-            let kind = match self.render(&lease) {
+            let rendered = render(&job, &lease, &unwanted);
+            let is_unwanted = || unwanted.load(Ordering::Relaxed);
+            let (id, attempt) = (lease.id.0, lease.attempt.0);
+            let kind = match rendered {
+                // What it came to says nothing, whatever it is.
+                _ if is_unwanted() => Kind::LeaseReturned(wire::LeaseReturned { lease: id, attempt }),
                 Ok((pixels, error, rays)) => {
                     let pixels = pixel_bytes(&pixels);
                     let mut desk = self.desk();
@@ -138,12 +177,13 @@ impl Inner {
                     desk.last_end = end;
                     drop(desk);
                     let done = TileDone { lease: lease.id, attempt: lease.attempt, pixels, error, rays, busy, idle };
-                    Kind::TileDone(done.into())
+                    Kind::TileDone(self.packed(done.into(), job.format))
                 }
-                Err(cause) => Kind::TileFailed(wire::TileFailed { lease: lease.id.0, attempt: lease.attempt.0, cause }),
+                Err(cause) => Kind::TileFailed(wire::TileFailed { lease: id, attempt, cause }),
             };
             let mut desk = self.desk();
-            desk.at_work.retain(|l| l.id != lease.id);
+            desk.at_work.retain(|(l, _)| l.id != lease.id);
+            desk.last_end = Instant::now();
             let given_up = desk.given_up;
             drop(desk);
             if given_up || self.out.blocking_send(WorkerMessage { kind: Some(kind) }).is_err() {
@@ -155,26 +195,40 @@ impl Inner {
             self.desk().last_sent = Instant::now();
         }
     }
+}
 
-    fn render(&self, lease: &Lease) -> Result<(Pixels, ErrorEstimate, RayCounts), String> {
-        let render = || match lease.pass {
-            Some(pass) => self.tracer.render_pass(lease.region, pass),
-            None => self.tracer.render(lease.region),
-        };
-        let (tile, rays) = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
-            let said = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
-            let said = said.or_else(|| panic.downcast_ref::<String>().cloned());
-            format!("the tracer stopped: {}", said.unwrap_or_default())
-        })?;
-        if tile.region != lease.region || tile.pixels.len() as u64 != lease.region.area() {
-            return Err("the tracer rendered something else".into());
+impl Inner {
+    /// A delivery as it travels.
+    fn packed(&self, done: wire::TileDone, format: PixelFormat) -> wire::TileDone {
+        let bytes = format.bytes_per_pixel();
+        let packed = self.pack.load(Ordering::Relaxed).then(|| pack(&done.pixels, bytes)).flatten();
+        match packed {
+            Some(pixels) => wire::TileDone { pixels, packed: bytes as u32, ..done },
+            None => done,
         }
-        if !tile.pixels.as_flattened().iter().all(|c| c.is_finite()) {
-            return Err("a pixel is not finite".into());
-        }
-        let error = tile.error;
-        Ok((encode_tile(tile, self.format, self.transfer), error, rays))
     }
+}
+
+/// Renders one tile; a panic of the tracer is its cause of failure.
+fn render(
+    job: &JobTracer,
+    lease: &Lease,
+    unwanted: &Arc<AtomicBool>,
+) -> Result<(Pixels, ErrorEstimate, RayCounts), String> {
+    let render = || job.tracer.render_wanted(lease.region, lease.pass, unwanted);
+    let (tile, rays) = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
+        let said = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+        let said = said.or_else(|| panic.downcast_ref::<String>().cloned());
+        format!("the tracer stopped: {}", said.unwrap_or_default())
+    })?;
+    if tile.region != lease.region || tile.pixels.len() as u64 != lease.region.area() {
+        return Err("the tracer rendered something else".into());
+    }
+    if !tile.pixels.as_flattened().iter().all(|c| c.is_finite()) {
+        return Err("a pixel is not finite".into());
+    }
+    let error = tile.error;
+    Ok((encode_tile(tile, job.format, job.transfer), error, rays))
 }
 
 /// A tile's pixels as they travel.
@@ -190,6 +244,7 @@ pub fn encode_tile(tile: Tile, format: PixelFormat, transfer: Transfer) -> Pixel
 #[cfg(test)]
 mod tests {
     use tessera_core::film::Region;
+    use tessera_core::settings::Pass;
     use tessera_proto::{Attempt, PassNumber};
 
     use super::*;
@@ -215,8 +270,10 @@ mod tests {
         let held = Arc::new(Mutex::new(()));
         let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
         let (out, mut delivered) = mpsc::channel(1);
-        let form = (PixelFormat::Rgb8, Transfer::Linear);
-        let foreman = Foreman::new(pool, Arc::new(Held(held.clone())), form, out);
+        let foreman = Foreman::new(pool, out);
+        assert!(!foreman.take(lease(0)), "no job is ready");
+        let (format, transfer) = (PixelFormat::Rgb8, Transfer::Linear);
+        foreman.turn_to(Some(JobTracer { tracer: Arc::new(Held(held.clone())), format, transfer }));
         let hold = held.lock().unwrap();
         let taken = (0..2 * MAX_LEASES as u64).take_while(|&n| foreman.take(lease(n))).count();
         assert!((MAX_LEASES..MAX_LEASES + 2).contains(&taken), "{taken}");
@@ -230,5 +287,47 @@ mod tests {
             std::thread::yield_now();
         }
         assert!(delivered.try_recv().is_err());
+    }
+
+    /// Renders until nobody wants it.
+    struct Endless;
+
+    impl TileTracer for Endless {
+        fn render_wanted(&self, region: Region, _: Option<Pass>, unwanted: &Arc<AtomicBool>) -> (Tile, RayCounts) {
+            while !unwanted.load(Ordering::Relaxed) {
+                std::thread::yield_now();
+            }
+            self.render(region)
+        }
+
+        fn render(&self, region: Region) -> (Tile, RayCounts) {
+            // Of the wrong size: nobody looks at it.
+            (Tile { region, pixels: Vec::new(), error: ErrorEstimate::default() }, RayCounts::default())
+        }
+    }
+
+    #[test]
+    fn a_tile_without_end_is_stopped_when_it_is_revoked_and_when_the_session_ends() {
+        let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
+        let (out, mut delivered) = mpsc::channel(4);
+        let foreman = Foreman::new(pool.clone(), out);
+        let (format, transfer) = (PixelFormat::Rgb8, Transfer::Linear);
+        foreman.turn_to(Some(JobTracer { tracer: Arc::new(Endless), format, transfer }));
+        let begun = |id| {
+            while !foreman.0.desk().at_work.iter().any(|(l, _)| l.id == LeaseId(id)) {
+                std::thread::yield_now();
+            }
+        };
+        foreman.take(lease(1));
+        begun(1);
+        assert!(foreman.revoke(LeaseId(1)).is_none(), "it is at work");
+        let answer = delivered.blocking_recv().unwrap().kind;
+        assert_eq!(answer, Some(Kind::LeaseReturned(wire::LeaseReturned { lease: 1, attempt: 0 })));
+        foreman.take(lease(2));
+        begun(2);
+        drop(foreman);
+        // The one thread is free again, and nothing more was said.
+        pool.install(|| ());
+        assert!(delivered.blocking_recv().is_none());
     }
 }

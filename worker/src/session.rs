@@ -1,20 +1,16 @@
 //! One connection to a coordinator, from dialling to the end of its stream.
 
 use std::error::Error as _;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
 use rayon::ThreadPool;
-use sha2::{Digest, Sha256};
-use tessera_core::settings::Settings;
-use tessera_core::trace::PreparedScene;
 use tessera_proto::convert::{Job, Lease, Registration, cause};
 use tessera_proto::identity::Identity;
 use tessera_proto::limits::{
     KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, REGISTER_WITHIN, cut,
 };
-use tessera_proto::scene::SceneDecoder;
 use tessera_proto::token::REFUSED_KEY;
 use tessera_proto::wire::farm_client::FarmClient;
 use tessera_proto::wire::worker_message::Kind as Say;
@@ -30,32 +26,24 @@ use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Request, Status, Streaming};
 
-use crate::Config;
 use crate::cache::SceneCache;
 use crate::heart::beat;
-use crate::memory::too_large;
+use crate::prepare::{Prepared, Preparing};
 use crate::render::Foreman;
-use crate::studio::TileTracer;
+use crate::{Access, Address, Config};
 
 /// Bytes of a scene on their way at most: an ocean away, a smaller window would be the limit.
 const WINDOW: u32 = 16 << 20;
 /// Deliveries that wait for the network, beside the ones at work.
 const DELIVERIES: usize = 4;
-/// How long a piece of the scene may take to come.
-const PIECE_WITHIN: Duration = Duration::from_secs(30);
 /// How long the coordinator may take to end its side.
 const GOODBYE_WITHIN: Duration = Duration::from_secs(2);
-
-/// A job's scene and settings, and what renders it.
-pub(crate) type LastTracer = Mutex<Option<(SceneHash, Settings, Arc<dyn TileTracer>)>>;
 
 /// What sessions of one worker have in common.
 pub(crate) struct Session {
     pub(crate) identity: Identity,
     pub(crate) pool: Arc<ThreadPool>,
     pub(crate) cache: SceneCache,
-    /// What rendered the last job.
-    pub(crate) last: LastTracer,
     pub(crate) config: Config,
 }
 
@@ -64,14 +52,14 @@ pub(crate) struct Session {
 pub(crate) enum Outcome {
     /// There is no more work.
     Finished,
+    /// Somebody had this worker leave.
+    Dismissed,
     /// This worker was asked to stop.
     Stopped,
     /// Not wanted, for good.
     Refused(String),
     /// Not to be had, or lost; worth another try.
     Lost(String),
-    /// This job is not for this worker: the next one may be, and there is no hurry.
-    Unable(String),
 }
 
 impl From<Status> for Outcome {
@@ -130,10 +118,7 @@ impl Session {
         let outcome = match registered {
             Ok(talk) => {
                 welcomed = true;
-                match talk.work(self, stop).await.unwrap_or_else(|outcome| outcome) {
-                    Outcome::Unable(why) => return (false, Outcome::Lost(why)),
-                    outcome => outcome,
-                }
+                talk.work(self, stop).await.unwrap_or_else(|outcome| outcome)
             }
             Err(outcome) => outcome,
         };
@@ -141,32 +126,14 @@ impl Session {
     }
 
     async fn dial(&self) -> Result<Channel, Outcome> {
-        // A name may come to be known later, as its machine does.
-        self.config.connect.resolve().await.map_err(|e| Outcome::Lost(e.to_string()))?;
-        let endpoint = Endpoint::from_shared(format!("http://{}", self.config.connect))
-            .map_err(|e| Outcome::Refused(e.to_string()))?
-            .connect_timeout(REGISTER_WITHIN)
-            .http2_keep_alive_interval(KEEPALIVE_INTERVAL)
-            .keep_alive_timeout(KEEPALIVE_TIMEOUT)
-            .keep_alive_while_idle(true)
-            .initial_stream_window_size(WINDOW)
-            .initial_connection_window_size(WINDOW);
-        let (access, to) = (self.config.access.clone(), self.config.connect.clone());
-        let connect = tower::service_fn(move |_| {
-            let (access, to) = (access.clone(), to.clone());
-            async move { access.connect(&to).await.map(TokioIo::new) }
-        });
-        endpoint.connect_with_connector(connect).await.map_err(|e| {
-            // What lies deepest, said by the operating system or of the other side, is what people know.
-            let deepest = std::iter::successors(e.source(), |&e| e.source()).last();
-            let cause = deepest.map_or_else(|| e.to_string(), ToString::to_string);
-            Outcome::Lost(format!("cannot connect: {}", cause.split(" (os error").next().unwrap_or_default()))
-        })
+        let endpoint =
+            |endpoint: Endpoint| endpoint.initial_stream_window_size(WINDOW).initial_connection_window_size(WINDOW);
+        dial(&self.config.access, &self.config.connect, endpoint).await.map_err(Outcome::Lost)
     }
 
     /// What calls over `channel`.
     fn client(&self, channel: Channel) -> Client {
-        FarmClient::with_interceptor(channel, Credentials(self.config.access.authorization()))
+        FarmClient::with_interceptor(channel, Credentials::of(&self.config.access))
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
@@ -204,60 +171,45 @@ impl Session {
         let heart = beat(beats, session, millis(welcome.heartbeat_interval_ms), millis(welcome.dead_after_ms));
         Ok(Talk { client, session, out, inbox, heart: tokio::spawn(heart) })
     }
+}
 
-    /// What renders `job`, its scene taken from wherever it is nearest.
-    async fn tracer(&self, job: &Job, talk: &mut Talk) -> Result<Arc<dyn TileTracer>, Outcome> {
-        let Some((hash, bytes)) = job.scene else {
-            let local = self.config.local.as_ref().ok_or_else(|| Outcome::Lost("there is no scene".into()))?;
-            return local.tracer().await.ok_or(Outcome::Stopped);
-        };
-        // After a broken connection the job is the one before, and the threads may still be busy
-        // with a tile of it: nothing is prepared again.
-        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if let Some((_, _, tracer)) = last.filter(|(h, s, _)| *h == hash && *s == job.settings) {
-            tracing::info!("the scene is here already");
-            return Ok(tracer);
-        }
-        let prepared = match self.cache.get(hash) {
-            Some(prepared) => {
-                tracing::info!("the scene is here already");
-                prepared
-            }
-            None => {
-                if let Some(cause) = too_large(bytes, self.config.max_memory) {
-                    return Err(talk.unable(cause).await);
-                }
-                self.cache.make_room();
-                tracing::info!("fetching scene {hash}, {bytes} bytes");
-                let scene = Arc::new(talk.fetch(hash, bytes).await?);
-                let prepared = self.on_pool(move || PreparedScene::build(scene)).await?;
-                let prepared = Arc::new(prepared);
-                self.cache.put(hash, prepared.clone());
-                prepared
-            }
-        };
-        let (studio, settings) = (self.config.studio.clone(), job.settings);
-        match self.on_pool(move || studio.open(prepared, settings)).await? {
-            Ok(tracer) => {
-                let last = (hash, job.settings, tracer.clone());
-                *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(last);
-                Ok(tracer)
-            }
-            Err(e) => Err(talk.unable(format!("the job cannot be rendered here: {e}")).await),
-        }
-    }
-
-    /// Computes on the rendering threads, not on those that keep the connection.
-    async fn on_pool<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Outcome> {
-        let pool = self.pool.clone();
-        let done = tokio::task::spawn_blocking(move || pool.install(work)).await;
-        done.map_err(|e| Outcome::Lost(format!("the scene could not be prepared: {e}")))
-    }
+/// Connects to a coordinator over HTTP/2, and keeps asking whether it is there.
+///
+/// # Errors
+/// Why there is no connection, in people's words.
+pub async fn dial(access: &Access, to: &Address, tune: impl FnOnce(Endpoint) -> Endpoint) -> Result<Channel, String> {
+    // A name may come to be known later, as its machine does.
+    to.resolve().await.map_err(|e| e.to_string())?;
+    let endpoint = Endpoint::from_shared(format!("http://{to}"))
+        .map_err(|e| e.to_string())?
+        .connect_timeout(REGISTER_WITHIN)
+        .http2_keep_alive_interval(KEEPALIVE_INTERVAL)
+        .keep_alive_timeout(KEEPALIVE_TIMEOUT)
+        .keep_alive_while_idle(true);
+    let (access, to) = (access.clone(), to.clone());
+    let connect = tower::service_fn(move |_| {
+        let (access, to) = (access.clone(), to.clone());
+        async move { access.connect(&to).await.map(TokioIo::new) }
+    });
+    tune(endpoint).connect_with_connector(connect).await.map_err(|e| {
+        // What lies deepest, said by the operating system or of the other side, is what people know.
+        let deepest = std::iter::successors(e.source(), |&e| e.source()).last();
+        let cause = deepest.map_or_else(|| e.to_string(), ToString::to_string);
+        format!("cannot connect: {}", cause.split(" (os error").next().unwrap_or_default())
+    })
 }
 
 /// Puts the secret into every call.
 #[derive(Clone, Debug)]
-pub(crate) struct Credentials(Option<MetadataValue<Ascii>>);
+pub struct Credentials(Option<MetadataValue<Ascii>>);
+
+impl Credentials {
+    /// Those of `access`.
+    #[must_use]
+    pub fn of(access: &Access) -> Self {
+        Self(access.authorization())
+    }
+}
 
 impl tonic::service::Interceptor for Credentials {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
@@ -297,13 +249,9 @@ async fn hear(inbox: &mut Streaming<CoordinatorMessage>) -> Result<Option<Hear>,
 impl Talk {
     async fn work(mut self, session: &Session, stop: &CancellationToken) -> Result<Outcome, Outcome> {
         let _heart = Ended(self.heart.abort_handle());
-        let prepared = tokio::select! {
-            biased;
-            () = stop.cancelled() => return Ok(Outcome::Stopped),
-            foreman = self.prepare(session) => foreman?,
-        };
-        let Some(foreman) = prepared else { return Ok(Outcome::Finished) };
-        say(&self.out, Say::Ready(wire::Ready {})).await?;
+        let foreman = Foreman::new(session.pool.clone(), self.out.clone());
+        // The job that comes next, while it is made ready; what comes meanwhile is heard.
+        let mut next: Option<Preparing<'_>> = None;
         loop {
             tokio::select! {
                 biased;
@@ -311,13 +259,34 @@ impl Talk {
                 heart = &mut self.heart => {
                     return Err(Outcome::Lost(heart.unwrap_or_else(|e| e.to_string())));
                 }
+                prepared = async { next.as_mut().map_or_else(|| unreachable!("guarded"), |p| p.as_mut()).await },
+                    if next.is_some() =>
+                {
+                    next = None;
+                    answer(&self.out, &foreman, prepared?).await?;
+                }
                 heard = hear(&mut self.inbox) => match heard? {
                     None => return Err(Outcome::Lost("the coordinator closed the connection".into())),
+                    Some(Hear::Finished(wire::Finished { leave: true })) => return Ok(Outcome::Dismissed),
                     Some(Hear::Finished(_)) => return Ok(Outcome::Finished),
+                    Some(Hear::Job(job)) => {
+                        let job = Job::try_from(job).map_err(|e| Outcome::Lost(format!("a bad job: {e}")))?;
+                        for lease in foreman.turn_to(None) {
+                            give_back(&self.out, &lease).await?;
+                        }
+                        next = Some(Box::pin(session.prepare(job, self.client.clone(), self.session)));
+                    }
+                    Some(Hear::Forget(forget)) => {
+                        if let Ok(hash) = forget.scene_sha256.try_into() {
+                            session.cache.forget(SceneHash(hash));
+                        }
+                    }
                     Some(Hear::Lease(lease)) => {
+                        foreman.pack(lease.pack);
                         let lease = Lease::try_from(lease).map_err(|e| Outcome::Lost(format!("a bad lease: {e}")))?;
                         if !foreman.take(lease) {
-                            return Err(Outcome::Lost("the coordinator sends more leases than anyone can hold".into()));
+                            let why = "the coordinator sends more leases than anyone can hold, or before a job is ready";
+                            return Err(Outcome::Lost(why.into()));
                         }
                     }
                     Some(Hear::Revoke(revoke)) => {
@@ -325,62 +294,10 @@ impl Talk {
                             give_back(&self.out, &lease).await?;
                         }
                     }
-                    Some(Hear::Welcome(_) | Hear::Job(_)) => {
-                        return Err(Outcome::Lost("the coordinator repeats itself".into()));
-                    }
+                    Some(Hear::Welcome(_)) => return Err(Outcome::Lost("the coordinator repeats itself".into())),
                 },
             }
         }
-    }
-
-    /// Waits for the job and makes everything ready for its first lease. `None`: there is none.
-    async fn prepare(&mut self, session: &Session) -> Result<Option<Foreman>, Outcome> {
-        let job = match hear(&mut self.inbox).await? {
-            Some(Hear::Job(job)) => Job::try_from(job).map_err(|e| Outcome::Lost(format!("a bad job: {e}")))?,
-            Some(Hear::Finished(_)) => return Ok(None),
-            _ => return Err(Outcome::Lost("the coordinator offers no job".into())),
-        };
-        let tracer = session.tracer(&job, self).await?;
-        let form = (job.pixels, job.settings.transfer);
-        Ok(Some(Foreman::new(session.pool.clone(), tracer, form, self.out.clone())))
-    }
-
-    /// Says why the job cannot be done here, and waits a little for it to be heard.
-    async fn unable(&mut self, cause: String) -> Outcome {
-        if say(&self.out, Say::Unable(wire::Unable { cause: cause.clone() })).await.is_ok() {
-            let heard = async { while let Ok(Some(_)) = hear(&mut self.inbox).await {} };
-            let _ = timeout(GOODBYE_WITHIN, heard).await;
-        }
-        Outcome::Unable(cause)
-    }
-
-    /// Fetches the scene and holds it against its hash.
-    async fn fetch(&mut self, hash: SceneHash, bytes: u64) -> Result<tessera_core::scene::Scene, Outcome> {
-        let bad = |e: &dyn std::fmt::Display| Outcome::Lost(format!("the scene that came is not sound: {e}"));
-        let request = wire::SceneRequest { session: self.session.0, scene_sha256: hash.0.to_vec() };
-        let mut pieces = self.client.fetch_scene(request).await?.into_inner();
-        // Reading the scene is work for a thread of its own; two pieces wait for it at most.
-        let (to_reader, mut to_read) = mpsc::channel::<bytes::Bytes>(2);
-        let reader = tokio::task::spawn_blocking(move || {
-            let (mut decoder, mut sum) = (SceneDecoder::new(bytes)?, Sha256::new());
-            while let Some(piece) = to_read.blocking_recv() {
-                sum.update(&piece);
-                decoder.push(&piece)?;
-            }
-            decoder.finish().map(|scene| (scene, SceneHash(sum.finalize().into())))
-        });
-        loop {
-            let piece = timeout(PIECE_WITHIN, pieces.message())
-                .await
-                .map_err(|_| Outcome::Lost("the scene does not come".into()))??;
-            let Some(piece) = piece else { break };
-            if to_reader.send(piece.data).await.is_err() {
-                break; // The reader says why.
-            }
-        }
-        drop(to_reader);
-        let (scene, got) = reader.await.map_err(|e| bad(&e))?.map_err(|e| bad(&e))?;
-        if got != hash { Err(bad(&"its hash differs")) } else { Ok(scene) }
     }
 
     /// Leaves in order: returns what was not begun, delivers what ends within `patience`, returns the rest, and
@@ -444,4 +361,20 @@ impl Talk {
 
 async fn give_back(out: &mpsc::Sender<WorkerMessage>, lease: &Lease) -> Result<(), Outcome> {
     say(out, Say::LeaseReturned(wire::LeaseReturned { lease: lease.id.0, attempt: lease.attempt.0 })).await
+}
+
+/// Says that a job is ready, or why it never will be here.
+async fn answer(out: &mpsc::Sender<WorkerMessage>, foreman: &Foreman, prepared: Prepared) -> Result<(), Outcome> {
+    match prepared {
+        Prepared::Ready(number, job) => {
+            foreman.turn_to(Some(job));
+            say(out, Say::Ready(wire::Ready { job: number.0 })).await
+        }
+        Prepared::Unable(number, cause) => {
+            tracing::warn!("{cause}");
+            say(out, Say::Unable(wire::Unable { job: number.0, cause })).await
+        }
+        // Another job comes, or the end.
+        Prepared::Over => Ok(()),
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use tessera_core::film::{Region, Tile};
 use tessera_core::settings::{Pass, Settings};
@@ -18,6 +19,16 @@ pub trait Studio: Send + Sync + fmt::Debug {
 
 /// Renders regions of one picture.
 pub trait TileTracer: Send + Sync {
+    /// The pixels of `region`, in one `pass` of an adaptive picture or by uniform sampling. Once `unwanted` is set,
+    /// nobody looks at them, and the sooner this ends the better.
+    fn render_wanted(&self, region: Region, pass: Option<Pass>, unwanted: &Arc<AtomicBool>) -> (Tile, RayCounts) {
+        let _ = unwanted;
+        match pass {
+            Some(pass) => self.render_pass(region, pass),
+            None => self.render(region),
+        }
+    }
+
     /// The pixels of `region` by uniform sampling, on the calling rayon pool.
     fn render(&self, region: Region) -> (Tile, RayCounts);
 
@@ -38,6 +49,14 @@ impl Studio for Exact {
 }
 
 impl TileTracer for Tracer {
+    fn render_wanted(&self, region: Region, pass: Option<Pass>, unwanted: &Arc<AtomicBool>) -> (Tile, RayCounts) {
+        let tracer = self.until(Arc::clone(unwanted));
+        match pass {
+            Some(pass) => tracer.render_pass(region, pass),
+            None => tracer.render(region),
+        }
+    }
+
     fn render(&self, region: Region) -> (Tile, RayCounts) {
         Self::render(self, region)
     }

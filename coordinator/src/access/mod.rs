@@ -8,13 +8,14 @@ mod state;
 mod token_file;
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use rcgen::{BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair};
-use tessera_proto::token::{FARM_NAME, NoRandomness, NotAToken, Pin, Secret, Token};
+use tessera_proto::credential::{self, CredentialError, certificates, private_key};
+use tessera_proto::token::{FARM_NAME, NoRandomness, Pin, Secret, Token};
 use tokio_rustls::rustls::crypto::ring;
-use tokio_rustls::rustls::pki_types::pem::{self, PemObject};
+use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
 use tokio_rustls::rustls::server::{NoClientAuth, WebPkiClientVerifier, danger::ClientCertVerifier};
 use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
@@ -28,37 +29,14 @@ pub enum AccessError {
     /// There is nowhere to keep the authority.
     #[error("neither XDG_STATE_HOME nor HOME is set, so there is no place for the farm's certificate and token")]
     NoHome,
-    /// A file or folder cannot be read or written.
-    #[error("'{}': {source}", .path.display())]
-    File {
-        /// Which.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    /// A token, certificate or key that is not there, or is none.
+    #[error(transparent)]
+    Credential(#[from] CredentialError),
     /// Others than its owner may read a secret.
     #[error("'{0}' may be read by others than its owner, who could join then; first: chmod 600 '{0}'", .path.display())]
     Exposed {
         /// Which.
         path: PathBuf,
-    },
-    /// A file does not hold what it should.
-    #[error("'{}' holds no {what}: {why}", .path.display())]
-    Content {
-        /// Which.
-        path: PathBuf,
-        /// What it should hold.
-        what: &'static str,
-        /// What is wrong with it.
-        why: String,
-    },
-    /// A text that is no token.
-    #[error("{from}: {source}")]
-    Token {
-        /// Where it was given.
-        from: String,
-        /// What is wrong with it.
-        source: NotAToken,
     },
     /// A token of another farm.
     #[error(
@@ -75,12 +53,6 @@ pub enum AccessError {
     /// No secret can be drawn.
     #[error(transparent)]
     Randomness(#[from] NoRandomness),
-}
-
-impl AccessError {
-    fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::File { path: path.into(), source }
-    }
 }
 
 /// Certificates of an authority of one's own, in PEM form.
@@ -121,6 +93,8 @@ pub(crate) struct Guarded {
     pub(crate) pin: Pin,
     /// `None` where certificates are asked for instead.
     token: Option<TokenSource>,
+    /// What lets users of a farm that stays in; `None` where there are none.
+    user: Option<TokenFile>,
 }
 
 enum TokenSource {
@@ -157,7 +131,7 @@ impl Access {
         let token = token.unwrap_or_else(|| TokenFrom::File(state.token_path()));
         let token = TokenSource::open(token, authority.pin())?;
         let tls = server_config(chain, key, Arc::new(NoClientAuth))?;
-        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin: authority.pin(), token: Some(token) })) })
+        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin: authority.pin(), token: Some(token), user: None })) })
     }
 
     /// By certificates of one's own: with authorities for workers these need a certificate, else the token.
@@ -166,13 +140,13 @@ impl Access {
     /// When files cannot be read or written or hold something else, or the token names another certificate.
     pub fn by_pki(files: &Pki, state: Option<&State>, token: Option<TokenFrom>) -> Result<Self, AccessError> {
         let chain = certificates(&files.cert)?;
-        let key = PrivateKeyDer::from_pem_file(&files.key).map_err(|e| pem_error(&files.key, "private key", e))?;
+        let key = private_key(&files.key)?;
         let pin = chain.last().map(|c| Pin::of(c)).ok_or_else(|| AccessError::Tls("there is none".into()))?;
         let Some(authorities) = &files.client_ca else {
             let place = || state.map(|s| TokenFrom::File(s.token_path_for(pin))).ok_or(AccessError::NoHome);
             let token = TokenSource::open(token.map_or_else(place, Ok)?, pin)?;
             let tls = server_config(chain, key, Arc::new(NoClientAuth))?;
-            return Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: Some(token) })) });
+            return Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: Some(token), user: None })) });
         };
         let mut roots = RootCertStore::empty();
         for certificate in certificates(authorities)? {
@@ -186,7 +160,7 @@ impl Access {
             .build()
             .map_err(|e| AccessError::Tls(e.to_string()))?;
         let tls = server_config(chain, key, verifier)?;
-        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: None })) })
+        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: None, user: None })) })
     }
 
     /// The token that lets workers in, where there is one.
@@ -194,6 +168,25 @@ impl Access {
     pub fn token(&self) -> Option<Token> {
         let guard = self.guard.as_ref()?;
         Some(Token { pin: guard.pin, secret: guard.token.as_ref()?.secret() })
+    }
+
+    /// Also lets users in who have the users' token in this file, which is made on first use. Where nothing is asked
+    /// for, nothing is asked of users either.
+    ///
+    /// # Errors
+    /// When it cannot be read or written, or is of another farm.
+    pub fn with_users(self, path: PathBuf) -> Result<Self, AccessError> {
+        let Some(guard) = self.guard else { return Ok(self) };
+        let user = Some(TokenFile::open(path, guard.pin)?);
+        let guard = Arc::try_unwrap(guard).map_err(|_| AccessError::Tls("it is in use already".into()))?;
+        Ok(Self { guard: Some(Arc::new(Guarded { user, ..guard })) })
+    }
+
+    /// The users' token, where there is one.
+    #[must_use]
+    pub fn user_token(&self) -> Option<Token> {
+        let guard = self.guard.as_ref()?;
+        Some(Token { pin: guard.pin, secret: guard.user.as_ref()?.secret() })
     }
 
     /// Whether anything is asked for.
@@ -219,12 +212,19 @@ impl Guarded {
     }
 }
 
+impl Guarded {
+    /// Whether this is the users' secret now.
+    pub(crate) fn admits_user(&self, secret: &Secret) -> bool {
+        self.user.as_ref().is_some_and(|t| t.secret() == *secret)
+    }
+}
+
 impl TokenSource {
     fn open(from: TokenFrom, pin: Pin) -> Result<Self, AccessError> {
         match from {
             TokenFrom::File(path) => Ok(Self::File(TokenFile::open(path, pin)?)),
             TokenFrom::Text { text, from } => {
-                let token: Token = text.parse().map_err(|source| AccessError::Token { from: from.clone(), source })?;
+                let token = credential::token(&text, &from)?;
                 if token.pin == pin { Ok(Self::Fixed(token.secret)) } else { Err(AccessError::OtherFarm { from }) }
             }
         }
@@ -252,19 +252,6 @@ fn server_config(
         .map_err(|e| wrong(&e))?;
     config.alpn_protocols = vec![b"h2".to_vec()];
     Ok(Arc::new(config))
-}
-
-fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, AccessError> {
-    let wrong = |e| pem_error(path, "certificate", e);
-    let found: Vec<_> = CertificateDer::pem_file_iter(path).map_err(wrong)?.collect::<Result<_, _>>().map_err(wrong)?;
-    if found.is_empty() { Err(wrong(pem::Error::NoItemsFound)) } else { Ok(found) }
-}
-
-fn pem_error(path: &Path, what: &'static str, error: pem::Error) -> AccessError {
-    match error {
-        pem::Error::Io(source) => AccessError::File { path: path.into(), source },
-        other => AccessError::Content { path: path.into(), what, why: other.to_string() },
-    }
 }
 
 /// What signs the certificates of a user's coordinators.

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use tessera_proto::credential::CredentialError;
 use tessera_proto::token::{Pin, Secret, Token};
 
 use super::{AccessError, Authority, TokenFile};
@@ -11,6 +12,9 @@ use super::{AccessError, Authority, TokenFile};
 const AUTHORITY: &str = "authority.pem";
 /// The workers' token.
 const TOKEN: &str = "token";
+
+/// The users' token.
+const USER_TOKEN: &str = "user-token";
 
 /// The folder in which the farm keeps its keys and secrets.
 #[derive(Clone, Debug)]
@@ -41,6 +45,29 @@ impl State {
         self.folder.join(TOKEN)
     }
 
+    /// Where the users' token is.
+    #[must_use]
+    pub fn user_token_path(&self) -> PathBuf {
+        self.folder.join(USER_TOKEN)
+    }
+
+    /// The users' token; made on first use.
+    ///
+    /// # Errors
+    /// When it cannot be read or written.
+    pub fn user_token(&self) -> Result<Token, AccessError> {
+        let pin = self.authority()?.pin();
+        Ok(Token { pin, secret: TokenFile::open(self.user_token_path(), pin)?.secret() })
+    }
+
+    /// Makes another users' token. The one before lets nobody in any more.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn renew_user_token(&self) -> Result<Token, AccessError> {
+        self.renew(&self.user_token_path())
+    }
+
     /// Where the token for a certificate that is not the authority's is.
     pub(crate) fn token_path_for(&self, pin: Pin) -> PathBuf {
         self.folder.join(format!("{TOKEN}-{pin:?}"))
@@ -60,9 +87,12 @@ impl State {
     /// # Errors
     /// When it cannot be written.
     pub fn renew_token(&self) -> Result<Token, AccessError> {
+        self.renew(&self.token_path())
+    }
+
+    fn renew(&self, path: &Path) -> Result<Token, AccessError> {
         let token = Token { pin: self.authority()?.pin(), secret: Secret::new()? };
-        let (path, text) = (self.token_path(), token.reveal() + "\n");
-        write_secret(&path, &text, |file| file.persist(&path).map_err(|e| e.error))?;
+        write_secret(path, &(token.reveal() + "\n"), |file| file.persist(path).map_err(|e| e.error))?;
         Ok(token)
     }
 
@@ -70,7 +100,7 @@ impl State {
     pub(crate) fn authority(&self) -> Result<Authority, AccessError> {
         let path = self.folder.join(AUTHORITY);
         let text = read_or_make(&path, || Authority::make().map_err(|e| AccessError::Tls(e.to_string())))?;
-        Authority::read(&text).map_err(|why| AccessError::Content { path, what: "certificate and key", why })
+        Authority::read(&text).map_err(|why| CredentialError::Content { path, what: "certificate and key", why }.into())
     }
 }
 
@@ -81,7 +111,8 @@ pub(super) fn read_or_make(
     make: impl FnOnce() -> Result<String, AccessError>,
 ) -> Result<String, AccessError> {
     match read_secret(path) {
-        Err(AccessError::File { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {}
+        Err(AccessError::Credential(CredentialError::File { source, .. }))
+            if source.kind() == std::io::ErrorKind::NotFound => {}
         read => return read,
     }
     let text = make()?;
@@ -94,7 +125,7 @@ pub(super) fn read_or_make(
 
 /// Reads a file that only its owner may read.
 pub(super) fn read_secret(path: &Path) -> Result<String, AccessError> {
-    let wrong = |source| AccessError::File { path: path.into(), source };
+    let wrong = |source| CredentialError::File { path: path.into(), source };
     let file = std::fs::File::open(path).map_err(wrong)?;
     #[cfg(unix)]
     {
@@ -120,7 +151,7 @@ fn write_secret<T>(
     builder.recursive(true);
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(folder).map_err(AccessError::file(folder))?;
+    builder.create(folder).map_err(CredentialError::file(folder))?;
     let write = || {
         // The mode of such a file is 0600 from its beginning.
         let mut file = tempfile::NamedTempFile::new_in(folder)?;
@@ -128,5 +159,5 @@ fn write_secret<T>(
         file.as_file().sync_all()?;
         persist(file)
     };
-    write().map(drop).map_err(AccessError::file(path))
+    Ok(write().map(drop).map_err(CredentialError::file(path))?)
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
+use tessera_proto::credential;
 use tessera_proto::token::{Pin, Secret, Token};
 
 use super::AccessError;
@@ -47,6 +48,6 @@ impl TokenFile {
 
 fn parse(text: &str, pin: Pin, path: &std::path::Path) -> Result<Secret, AccessError> {
     let from = format!("'{}'", path.display());
-    let token: Token = text.parse().map_err(|source| AccessError::Token { from: from.clone(), source })?;
+    let token = credential::token(text, &from)?;
     if token.pin == pin { Ok(token.secret) } else { Err(AccessError::OtherFarm { from }) }
 }

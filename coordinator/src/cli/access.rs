@@ -19,7 +19,7 @@ const TOKEN_VARIABLE: &str = "TESSERA_TOKEN";
 pub(crate) struct AccessFlags {
     /// Where workers' token is kept; made on first use [default: in the user's state folder, or what TESSERA_TOKEN holds]
     #[arg(long, value_name = "FILE", help_heading = "Farm")]
-    token_file: Option<PathBuf>,
+    pub(super) token_file: Option<PathBuf>,
     /// The coordinator's certificate and its chain (PEM), of an authority of your own; the token names the last of the chain
     #[arg(long, value_name = "FILE", requires = "tls_key", help_heading = "Farm")]
     tls_cert: Option<PathBuf>,
@@ -57,11 +57,13 @@ fn failed(error: &AccessError) -> Failure {
 }
 
 /// Prints the token.
-pub(crate) fn token(command: TokenCommand, console: &Console) -> Result<Exit, Failure> {
+pub(crate) fn token(command: TokenCommand, user: bool, console: &Console) -> Result<Exit, Failure> {
     let state = State::of_user().map_err(|e| failed(&e))?;
-    let token = match command {
-        TokenCommand::Show => state.token(),
-        TokenCommand::Renew => state.renew_token(),
+    let token = match (command, user) {
+        (TokenCommand::Show, false) => state.token(),
+        (TokenCommand::Renew, false) => state.renew_token(),
+        (TokenCommand::Show, true) => state.user_token(),
+        (TokenCommand::Renew, true) => state.renew_user_token(),
     };
     console.out(&format!("{}\n", token.map_err(|e| failed(&e))?.reveal()))?;
     Ok(Exit::Done)

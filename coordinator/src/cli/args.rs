@@ -1,5 +1,8 @@
 //! The command line as it is written; [`super::options`] makes sense of it.
 
+mod farm;
+mod help;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -8,8 +11,13 @@ use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use tessera_core::film::Region;
 use tessera_core::settings::{Quality, Settings, Transfer};
+use worker::Address;
 
 use super::access::{AccessFlags, PictureFlags, TokenCommand};
+
+pub(crate) use farm::{ChangeJob, FarmFlags, Fetch, Jobs, Serve, Submit, Workers};
+
+use help::{RENDER_EXAMPLES, RENDER_MORE};
 
 const STYLES: Styles = Styles::styled()
     .header(AnsiColor::Green.on_default().bold())
@@ -41,6 +49,31 @@ pub(crate) enum Command {
     /// Render a scene to a picture
     #[command(after_help = RENDER_EXAMPLES, after_long_help = RENDER_MORE)]
     Render(Box<Render>),
+    /// Keep a farm that stays: jobs come and go, workers and what is done stay
+    #[command(after_help = "Examples:\n  \
+        coordinator serve --state ~/farm                        for this machine alone\n  \
+        coordinator serve --state ~/farm --listen 0.0.0.0:4747  for a network; it prints what to type elsewhere\n  \
+        coordinator serve --state ~/farm --workers 2            this machine renders, too\n\n\
+        Ctrl-C stops it, and so may anything else: started again, it goes on where it was.")]
+    Serve(Serve),
+    /// Hand scenes to a farm that stays; prints the jobs' numbers
+    #[command(after_help = "Examples:\n  \
+        coordinator submit scene.xml --farm big-machine --size 1920x1080\n  \
+        coordinator submit frame-*.xml --farm big-machine --quality draft --wait\n  \
+        coordinator fetch $(coordinator submit scene.xml --farm big-machine --wait) -o scene.png --farm big-machine")]
+    Submit(Box<Submit>),
+    /// Say what a farm's jobs are at
+    Jobs(Jobs),
+    /// Say what a farm's workers are at
+    Workers(Workers),
+    /// Render a job no more until it is resumed; what is done is kept
+    Pause(ChangeJob),
+    /// Go on with a job that is paused, or that failed
+    Resume(ChangeJob),
+    /// Give a job up
+    Cancel(ChangeJob),
+    /// Write the picture of a farm's job
+    Fetch(Fetch),
     /// Validate a scene and say what is in it
     #[command(after_help = "Examples:\n  \
         coordinator check scene.xml\n  \
@@ -73,6 +106,9 @@ pub(crate) enum Command {
     Token {
         #[command(subcommand)]
         command: Option<TokenCommand>,
+        /// The token of the users of a farm that stays, which lets no worker in
+        #[arg(long, global = true)]
+        user: bool,
     },
     /// Print a script that completes this program's commands and flags in a shell
     #[command(after_help = "Examples:\n  \
@@ -84,60 +120,9 @@ pub(crate) enum Command {
     },
 }
 
-const RENDER_EXAMPLES: &str = "Examples:\n  \
-    coordinator render scene.xml                            scene.png, 640x480, on this machine\n  \
-    coordinator render scene.xml -o big.png --size 1920x1080 --quality draft\n  \
-    coordinator render scene.xml --max-error 0.5            as good as that, no better\n  \
-    coordinator render scene.xml --time-limit 90s           as good as that time allows\n  \
-    coordinator render scene.xml --region 300,200,400,300   look at one part\n  \
-    coordinator render scene.xml --listen 0.0.0.0:4747      on workers elsewhere, each started by\n                                                          \
-    worker --connect THIS-HOST:4747\n\n\
-    '--help' says more about every flag.";
-
-const RENDER_MORE: &str = "Examples:\n  \
-    coordinator render scene.xml\n      \
-        scene.png, 640x480, on this machine\n  \
-    coordinator render scene.xml -o big.png --size 1920x1080 --quality draft\n      \
-        a larger picture, sooner\n  \
-    coordinator render scene.xml --max-error 0.5\n      \
-        with a root mean squared error below half an 8-bit step, and hardly better\n  \
-    coordinator render scene.xml --time-limit 90s\n      \
-        the best there is in a minute and a half, reading and writing included\n  \
-    coordinator render scene.xml --samples 16\n      \
-        each pixel the mean of 4x4 points\n  \
-    coordinator render scene.xml -o part.png --size 1920x1080 --region 900,500,1000,600\n      \
-        100x100 pixels of it, the same as in the whole\n  \
-    coordinator render scene.xml -o radiance.exr --report report.json\n      \
-        linear floats, and what the render cost\n  \
-    coordinator render scene.xml --listen 0.0.0.0:4747\n      \
-        on workers elsewhere, each started by 'worker --connect THIS-HOST:4747'\n  \
-    coordinator render scene.xml --listen 0.0.0.0:4747 --workers 2\n      \
-        the same, and this machine helps\n\n\
-    Exit codes:\n  \
-    0    done\n  \
-    1    the render failed\n  \
-    2    the arguments make no sense, or the picture could not be written where it should\n  \
-    3    the scene is not valid\n  \
-    4    no worker came, or all were lost for good\n  \
-    5    the accuracy asked for was not reached, for want of time or otherwise; the picture is written\n  \
-    130  interrupted; what was done is kept beside the target, as NAME.partial.png\n\n\
-    A first Ctrl-C stops and keeps what is done, a second one leaves at once. The same command goes on where \
-    any of these ended it, or a crash, from what is kept in OUTPUT.journal.";
-
-/// Flags of `render`.
-#[derive(Debug, ClapArgs)]
-pub(crate) struct Render {
-    /// Scene to render
-    pub(crate) scene: PathBuf,
-    #[command(flatten)]
-    pub(crate) pictures: PictureFlags,
-
-    /// Picture to write: .png, .ppm (P6), .pfm or .exr [default: the scene's name with .png, in the current folder]
-    #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
-    pub(crate) output: Option<PathBuf>,
-    /// Bits of each colour in PNG and PPM files
-    #[arg(long, value_name = "8|16", default_value = "8", value_parser = ["8", "16"], help_heading = "Picture")]
-    pub(crate) bits: String,
+/// What is rendered, and how well.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct ViewFlags {
     /// Pixels across and down
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size, allow_hyphen_values = true, help_heading = "Picture")]
     pub(crate) size: (u32, u32),
@@ -174,6 +159,31 @@ pub(crate) struct Render {
     #[arg(long, value_name = "KIND", default_value = "grid", requires = "samples", help_heading = "Accuracy")]
     pub(crate) pattern: PatternArg,
 
+    /// Share of the tiles that are rendered a second time elsewhere and compared: 5%, 1/20, all; the first two of every worker too
+    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = super::verification::share, help_heading = "Farm")]
+    pub(crate) verify: f64,
+    /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
+    pub(crate) tile: TileArg,
+}
+
+/// Flags of `render`.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Render {
+    /// Scene to render
+    pub(crate) scene: PathBuf,
+    #[command(flatten)]
+    pub(crate) pictures: PictureFlags,
+
+    /// Picture to write: .png, .ppm (P6), .pfm or .exr [default: the scene's name with .png, in the current folder]
+    #[arg(short, long, value_name = "FILE", help_heading = "Picture")]
+    pub(crate) output: Option<PathBuf>,
+    /// Bits of each colour in PNG and PPM files
+    #[arg(long, value_name = "8|16", default_value = "8", value_parser = ["8", "16"], help_heading = "Picture")]
+    pub(crate) bits: String,
+    #[command(flatten)]
+    pub(crate) view: ViewFlags,
+
     /// Workers started inside this process [default: 2; with --listen, 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256), allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) workers: Option<u16>,
@@ -188,12 +198,9 @@ pub(crate) struct Render {
     pub(crate) wait_for_workers: Option<Duration>,
     #[command(flatten)]
     pub(crate) access: AccessFlags,
-    /// Share of the tiles that are rendered a second time elsewhere and compared: 5%, 1/20, all; the first two of every worker too
-    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = super::verification::share, help_heading = "Farm")]
-    pub(crate) verify: f64,
-    /// Edge of a tile in pixels, 1 to 256, or 'auto': by what pixels cost
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = tile, allow_hyphen_values = true, help_heading = "Farm")]
-    pub(crate) tile: TileArg,
+    /// Have a farm that stays render it: HOST[:PORT], as 'coordinator serve' listens
+    #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["listen", "workers", "wait_for_workers", "tls_cert", "insecure", "restart", "journal"], help_heading = "Farm")]
+    pub(crate) farm: Option<Address>,
 
     /// Keep what is done in FILE, from where the same command goes on after whatever ended it; 'none' keeps nothing [default: OUTPUT.journal, as soon as a render takes 2 s; it goes when the picture is written]
     #[arg(long, value_name = "FILE|none", help_heading = "Going on")]

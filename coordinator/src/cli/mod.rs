@@ -7,18 +7,25 @@ mod compare;
 mod condition;
 mod console;
 mod describe;
+mod events;
 mod exit;
+mod farm;
+mod fetch;
 mod files;
 mod finish;
+mod jobs;
 mod journal;
 mod measure;
 mod options;
 mod picture;
 mod progress;
+mod remote;
 mod render;
 mod report;
 mod scene;
+mod serve;
 mod signals;
+mod submit;
 mod verification;
 
 use std::time::Instant;
@@ -53,11 +60,19 @@ pub(crate) fn run() -> Exit {
     console.log(args.verbose);
     let done = match args.command {
         Command::Render(raw) => render::run(*raw, &console, began),
+        Command::Serve(raw) => serve::run(&raw, &console),
+        Command::Submit(raw) => submit::run(*raw, &console),
+        Command::Jobs(raw) => jobs::list(&raw, &console),
+        Command::Workers(raw) => jobs::workers(&raw, &console),
+        Command::Pause(raw) => jobs::change(&raw, jobs::Change::Pause, &console),
+        Command::Resume(raw) => jobs::change(&raw, jobs::Change::Resume, &console),
+        Command::Cancel(raw) => jobs::change(&raw, jobs::Change::Cancel, &console),
+        Command::Fetch(raw) => fetch::run(&raw, &console),
         Command::Check(raw) => check::run(&raw, &console),
         Command::Picture(raw) => picture::run(&raw, &console),
         Command::Compare(raw) => compare::run(&raw, &console),
         Command::Measure(raw) => measure::run(*raw, &console, began),
-        Command::Token { command } => access::token(command.unwrap_or_default(), &console),
+        Command::Token { command, user } => access::token(command.unwrap_or_default(), user, &console),
         Command::Completions { shell } => {
             let mut text = Vec::new();
             clap_complete::generate(shell, &mut Args::command(), "coordinator", &mut text);

@@ -10,7 +10,7 @@ use tessera_core::film::file::{Depth, Output};
 use tessera_core::settings::{Quality, Sampling, Settings, View};
 
 use super::access::AccessFlags;
-use super::args::{PatternArg, ProgressArg, Render, TileArg};
+use super::args::{PatternArg, ProgressArg, Render, TileArg, ViewFlags};
 use super::exit::{Exit, Failure};
 
 /// The port where a listener gives none.
@@ -26,6 +26,8 @@ pub(crate) struct Options {
     pub(crate) region: Region,
     pub(crate) pixels: PixelFormat,
     pub(crate) tile: TileSize,
+    /// The farm that is to render it.
+    pub(crate) farm: Option<worker::Address>,
     pub(crate) workers: usize,
     pub(crate) threads: usize,
     pub(crate) listen: Option<String>,
@@ -79,34 +81,59 @@ impl Accuracy {
     }
 }
 
-impl Options {
-    /// Checks everything that can be wrong before the scene is read: numbers against each
-    /// other, the picture's place, the report's place.
-    pub(crate) fn new(raw: Render) -> Result<Self, Failure> {
-        let (width, height) = raw.size;
-        let view = View::new(width, height, raw.zoom, raw.plane_height).map_err(Failure::usage)?;
-        let quality = raw.quality.map(Quality::from);
-        let accuracy = match (quality, raw.max_error, raw.time_limit) {
+/// What is to be rendered, and how well.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wanted {
+    pub(crate) settings: Settings,
+    pub(crate) accuracy: Accuracy,
+    pub(crate) region: Region,
+}
+
+impl Wanted {
+    /// Checks flags against each other.
+    pub(crate) fn new(flags: &ViewFlags) -> Result<Self, Failure> {
+        let (width, height) = flags.size;
+        let view = View::new(width, height, flags.zoom, flags.plane_height).map_err(Failure::usage)?;
+        let quality = flags.quality.map(Quality::from);
+        let accuracy = match (quality, flags.max_error, flags.time_limit) {
             (Some(quality), ..) => Accuracy::Quality(quality),
-            (None, None, None) => raw.samples.map_or(Accuracy::Quality(Quality::default()), |_| Accuracy::Samples),
+            (None, None, None) => flags.samples.map_or(Accuracy::Quality(Quality::default()), |_| Accuracy::Samples),
             (None, Some(steps), None) => Accuracy::Error(steps / 255.0),
             (None, steps, Some(limit)) => Accuracy::Time { limit, error: steps.map(|s| s / 255.0) },
         };
-        let sampling = match (raw.samples, raw.pattern) {
+        let sampling = match (flags.samples, flags.pattern) {
             (None, _) => Sampling::Adaptive,
             (Some(samples), PatternArg::Grid) => Sampling::uniform(samples).map_err(Failure::usage)?,
             (Some(samples), PatternArg::Scrambled) => Sampling::scrambled(samples).map_err(Failure::usage)?,
         };
-        let settings = Settings { view, max_depth: raw.max_depth, sampling, transfer: raw.transfer.into() };
+        let settings = Settings { view, max_depth: flags.max_depth, sampling, transfer: flags.transfer.into() };
         let whole = Region { x0: 0, y0: 0, x1: width, y1: height };
-        let region = raw.region.unwrap_or(whole);
+        let region = flags.region.unwrap_or(whole);
         if !whole.contains(&region) {
             let Region { x0, y0, x1, y1 } = region;
             return Err(Failure::usage(format!(
                 "--region {x0},{y0},{x1},{y1} reaches outside the picture of {width}x{height} pixels"
             )));
         }
+        Ok(Self { settings, accuracy, region })
+    }
+}
 
+impl ViewFlags {
+    /// The edge of a tile that was asked for.
+    pub(crate) fn tile(&self) -> TileSize {
+        match self.tile {
+            TileArg::Auto => TileSize::Auto,
+            TileArg::Edge(n) => TileSize::Edge(n),
+        }
+    }
+}
+
+impl Options {
+    /// Checks everything that can be wrong before the scene is read: numbers against each
+    /// other, the picture's place, the report's place.
+    pub(crate) fn new(raw: Render) -> Result<Self, Failure> {
+        let Wanted { settings, accuracy, region } = Wanted::new(&raw.view)?;
         let depth = if raw.bits == "16" { Depth::Sixteen } else { Depth::Eight };
         let path = match raw.output {
             Some(path) => path,
@@ -131,12 +158,7 @@ impl Options {
             (Some(Depth::Sixteen), None) => PixelFormat::Rgb16,
             _ => PixelFormat::F32,
         };
-        let mut journal = super::journal::place(raw.journal, &path);
-        if raw.verify > 0.0 && journal.take().is_some() {
-            notes.push(
-                "--verify keeps no journal: an interrupted render begins anew, since tiles may be taken back".into(),
-            );
-        }
+        let journal = super::journal::place(raw.journal, &path);
         let workers = raw.workers.map_or(if raw.listen.is_some() { 0 } else { 2 }, usize::from);
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Self {
@@ -146,10 +168,8 @@ impl Options {
             accuracy,
             region,
             pixels,
-            tile: match raw.tile {
-                TileArg::Auto => TileSize::Auto,
-                TileArg::Edge(n) => TileSize::Edge(n),
-            },
+            tile: raw.view.tile(),
+            farm: raw.farm,
             workers,
             threads: raw.threads.map_or_else(cores, usize::from),
             listen: raw.listen,
@@ -157,7 +177,7 @@ impl Options {
             journal,
             restart: raw.restart,
             access: raw.access,
-            verify: raw.verify,
+            verify: raw.view.verify,
             pictures: raw.pictures.allow_pictures,
             report,
             progress: raw.progress,

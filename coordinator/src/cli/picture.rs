@@ -1,5 +1,7 @@
 //! `coordinator picture`: what a journal holds, as a picture.
 
+use std::path::Path;
+
 use coordinator::Pixels;
 use coordinator::journal::Partial;
 use tessera_core::film::PixelsRef;
@@ -16,12 +18,23 @@ pub(crate) fn run(raw: &Picture, console: &Console) -> Result<Exit, Failure> {
     let mut files = Files::default();
     files.reads("the journal", &raw.journal)?;
     files.writes("the picture", &raw.output)?;
-    let mut partial = Partial::read(&raw.journal).map_err(|e| Failure::new(Exit::Failed, e))?;
-    let depth = match (&partial.image, raw.bits.as_deref()) {
+    let partial = Partial::read(&raw.journal).map_err(|e| Failure::new(Exit::Failed, e))?;
+    write(partial, &raw.output, raw.bits.as_deref(), raw.missing, console)
+}
+
+/// Writes `partial` to `output`; what is `missing` has that colour, or is transparent.
+pub(super) fn write(
+    mut partial: Partial,
+    output: &Path,
+    bits: Option<&str>,
+    missing: Option<[u8; 3]>,
+    console: &Console,
+) -> Result<Exit, Failure> {
+    let depth = match (&partial.image, bits) {
         (Pixels::Rgb16(_), None) | (_, Some("16")) => Depth::Sixteen,
         _ => Depth::Eight,
     };
-    let output = Output::plan(&raw.output, depth, partial.transfer).map_err(Failure::usage)?;
+    let output = Output::plan(output, depth, partial.transfer).map_err(Failure::usage)?;
     let held = match &partial.image {
         Pixels::F32(_) => None,
         Pixels::Rgb8(_) => Some(Depth::Eight),
@@ -29,14 +42,14 @@ pub(crate) fn run(raw: &Picture, console: &Console) -> Result<Exit, Failure> {
     };
     if let Some(held) = held.filter(|held| output.depth() != Some(*held)) {
         return Err(Failure::usage(format!(
-            "the journal holds pixels of {0} bits: write a .png or .ppm of {0} bits",
+            "what is kept are pixels of {0} bits: write a .png or .ppm of {0} bits",
             held.bits()
         )));
     }
     if let Some(at) = partial.damaged {
         console.warning(&format!("the journal is damaged at byte {at}: what stood behind that is missing"));
     }
-    if let Some(missing) = raw.missing {
+    if let Some(missing) = missing {
         fill(&mut partial, missing);
     }
     let (width, height) = (partial.region.width(), partial.region.height());
@@ -45,8 +58,10 @@ pub(crate) fn run(raw: &Picture, console: &Console) -> Result<Exit, Failure> {
         Pixels::Rgb16(p) => PixelsRef::Rgb16(p),
         Pixels::F32(p) => PixelsRef::F32(p),
     };
-    let written = match raw.missing {
+    let whole = partial.present.iter().all(|&p| p);
+    let written = match missing {
         Some(_) => output.write(width, height, pixels),
+        None if whole => output.write(width, height, pixels),
         None => output.write_part((width, height), pixels, &partial.present),
     };
     written.map_err(|e| Failure::new(Exit::Failed, e))?;

@@ -11,9 +11,13 @@ use tokio::time::{Instant, MissedTickBehavior, interval_at};
 
 use super::args::ProgressArg;
 use super::console::Console;
+use super::events::Events;
 
 /// Steps of a bar.
 const STEPS: u64 = 1000;
+
+/// Looks for events to each line about progress.
+const LOOKS: u32 = 10;
 
 /// What `--progress` comes to here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,8 +56,11 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
     if style == Style::None {
         return;
     }
+    let (mut events, mut looks) = (Events::default(), 0u32);
     let bar = (style == Style::Bar).then(|| Bar::new(&console, STEPS));
-    let mut ticks = interval_at(Instant::now() + style.period(), style.period());
+    // Events are told soon, how far it is at every tenth look.
+    let period = if style == Style::Json { style.period() / LOOKS } else { style.period() };
+    let mut ticks = interval_at(Instant::now() + period, period);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         tokio::select! {
@@ -63,6 +70,7 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
                 // The last word of a stream that machines read; people get a summary instead.
                 if style == Style::Json {
                     let last = watched.borrow().clone();
+                    events.since(&last).iter().for_each(|event| console.say(&event.to_string()));
                     console.say(&json(&last));
                 }
                 return;
@@ -73,7 +81,13 @@ pub(crate) async fn show(style: Style, mut watched: watch::Receiver<Progress>, c
             (Some(bar), _) => {
                 bar.set((STEPS as f64 * now.share) as u64, details(&now));
             }
-            (None, Style::Json) => console.say(&json(&now)),
+            (None, Style::Json) => {
+                events.since(&now).iter().for_each(|event| console.say(&event.to_string()));
+                looks += 1;
+                if looks.is_multiple_of(LOOKS) {
+                    console.say(&json(&now));
+                }
+            }
             (None, _) => console.say(&format!("{:3.0} %  {}", 100.0 * now.share, details(&now))),
         }
     }

@@ -23,7 +23,7 @@ use super::files::Files;
 use super::finish::Rest;
 use super::options::{Accuracy, Options, ReportTo, resolve};
 use super::report::Phases;
-use super::{journal, progress, scene, signals};
+use super::{journal, progress, remote, scene, signals};
 
 /// Renders as the flags say; `began` is when the program started.
 pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit, Failure> {
@@ -35,7 +35,8 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
     let stop = signals::stop_on_signal(console);
     let (width, height) = (options.region.width(), options.region.height());
     let room = options.output.reserve(width, height).map_err(Failure::usage)?;
-    let journal = journal::open(&options)?;
+    // A farm that stays keeps its own.
+    let journal = if options.farm.is_some() { None } else { journal::open(&options)? };
     let job = render(options.clone(), (files, journal.clone()), (console, stop), began);
     let ended = on_runtime(options.threads, job)?;
     // The farm is closed: whatever its peers do, the picture is written.
@@ -127,10 +128,13 @@ async fn render(
     (console, stop): (&Console, CancellationToken),
     began: Instant,
 ) -> Result<Result<Ended, RenderError>, Failure> {
-    let mut farm = bind(&options, console).await?;
-    // They connect while the scene is read.
-    farm.hire(options.workers, options.threads);
-
+    let mut farm = None;
+    if options.farm.is_none() {
+        // They connect while the scene is read.
+        let mut bound = bind(&options, console).await?;
+        bound.hire(options.workers, options.threads);
+        farm = Some(bound);
+    }
     let mut phases = Phases::default();
     let reading = Instant::now();
     let (path, folders) = (options.scene.clone(), options.pictures.clone());
@@ -143,6 +147,10 @@ async fn render(
     let scene = scene::accept(read, &options.scene, console)?;
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
+    let Some(farm) = farm else {
+        let rendered = remote::rendered(&options, scene, (console, &stop)).await?;
+        return Ok(Ok(Ended { rendered, error: None, phases, description }));
+    };
     let source = if options.workers > 0 {
         let building = Instant::now();
         let prepared = unless_stopped(&stop, blocking(move || PreparedScene::build(scene))).await??;
@@ -191,7 +199,7 @@ async fn render(
 }
 
 /// The farm's goal. Writing the picture takes its share of a time limit.
-fn goal(options: &Options) -> Goal {
+pub(super) fn goal(options: &Options) -> Goal {
     match options.accuracy {
         Accuracy::Samples => Goal::AsSet,
         Accuracy::Quality(quality) => Goal::Error(quality.rmse()),

@@ -44,6 +44,8 @@ pub(super) struct Connection {
     pub(super) cut: CancellationToken,
     /// Whether it has shown the secret, so that it need not again after a renewal.
     pub(super) known: AtomicBool,
+    /// The same of the users' secret.
+    pub(super) known_user: AtomicBool,
     settled: AtomicBool,
     in_session: AtomicBool,
     last_beat: Mutex<Option<Instant>>,
@@ -102,6 +104,7 @@ impl Gate {
             address,
             cut: CancellationToken::new(),
             known: AtomicBool::new(false),
+            known_user: AtomicBool::new(false),
             settled: AtomicBool::new(false),
             in_session: AtomicBool::new(false),
             last_beat: Mutex::new(None),

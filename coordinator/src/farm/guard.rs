@@ -22,8 +22,10 @@ use super::incoming::{Peer, Standing};
 use super::strangers::Strangers;
 use crate::access::Guarded;
 
-/// The one call whose request does not end at once.
-const WORK: &str = "/tessera.farm.v1.Farm/Work";
+/// The calls whose request does not end at once.
+const LONG: [&str; 2] = ["/tessera.farm.v1.Farm/Work", "/tessera.control.v1.Control/PutScene"];
+/// How the calls of users begin.
+const USERS: &str = "/tessera.control.v1.";
 
 /// A refusal that another attempt would not change.
 pub(super) fn for_good(mut status: Status) -> Status {
@@ -57,20 +59,31 @@ pub(super) struct Guard<S> {
 
 impl GuardLayer {
     /// Whether whoever calls may; else what to answer.
-    fn admit(&self, peer: Option<&Peer>, headers: &HeaderMap) -> Result<(), Status> {
+    fn admit(&self, peer: Option<&Peer>, headers: &HeaderMap, of_users: bool) -> Result<(), Status> {
         let refused = |why: &str| Err(for_good(Status::unauthenticated(why)));
         let Some(guard) = &self.guard else { return Ok(()) };
         let Some(&Peer { standing: Standing::Secure { certified }, ref connection, .. }) = peer else {
-            return refused("TLS and a token are asked for here: worker --token, or --token-file, or TESSERA_TOKEN");
+            return refused(match of_users {
+                true => "TLS and the users' token are asked for here: --token-file, or TESSERA_TOKEN",
+                false => "TLS and a token are asked for here: worker --token, or --token-file, or TESSERA_TOKEN",
+            });
         };
         // Also after a renewal: whoever is in stays in.
-        if connection.known.load(Ordering::Acquire) {
+        let known = if of_users { &connection.known_user } else { &connection.known };
+        if known.load(Ordering::Acquire) {
             return Ok(());
         }
         let shown = headers.get(AUTHORIZATION).and_then(|v| Secret::parse(v.to_str().ok()?.strip_prefix("Bearer ")?));
+        if of_users {
+            if shown.is_some_and(|s| guard.admits_user(&s)) {
+                known.store(true, Ordering::Release);
+                return Ok(());
+            }
+            return refused("this needs the users' token: 'coordinator token show --user' prints it where the farm is");
+        }
         let local = shown.is_some_and(|s| s == self.local);
         if local || if guard.wants_certificates() { certified } else { shown.is_some_and(|s| guard.admits(&s)) } {
-            connection.known.store(true, Ordering::Release);
+            known.store(true, Ordering::Release);
             return Ok(());
         }
         match shown {
@@ -98,7 +111,7 @@ where
 
     fn call(&mut self, request: Request<Body>) -> Self::Future {
         let peer = request.extensions().get::<Peer>();
-        if let Err(status) = self.layer.admit(peer, request.headers()) {
+        if let Err(status) = self.layer.admit(peer, request.headers(), request.uri().path().starts_with(USERS)) {
             let address = peer.map_or(IpAddr::from([0; 4]), |p| p.address.ip());
             let wait = self.layer.strangers.failed(address);
             // What it brought is let go of before it waits.
@@ -111,7 +124,7 @@ where
         // The one that is ready; its clone need not be.
         let ready = self.behind.clone();
         let mut behind = std::mem::replace(&mut self.behind, ready);
-        if request.uri().path() == WORK {
+        if LONG.contains(&request.uri().path()) {
             return Box::pin(behind.call(request));
         }
         Box::pin(async move {

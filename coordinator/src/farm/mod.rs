@@ -1,6 +1,9 @@
-//! A render from listening to the finished picture.
+//! A farm: it listens for workers, and has them render its jobs. [`Farm::render`] is a farm of one job;
+//! [`Farm::serve`] one whose jobs come and go.
 
-mod driver;
+mod canvas;
+mod control;
+mod dispatch;
 mod gate;
 mod guard;
 mod incoming;
@@ -8,44 +11,41 @@ mod pace;
 mod passes;
 mod pulse;
 mod roster;
+mod run;
 mod service;
+mod shares;
 mod stitch;
 mod strangers;
 mod timing;
-mod verify;
+pub(crate) mod verify;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
-use std::time::Duration;
 
-use tessera_core::film::Region;
-use tessera_core::settings::Sampling;
 use tessera_core::trace::PreparedScene;
 use tessera_proto::limits::{KEEPALIVE_INTERVAL, KEEPALIVE_TIMEOUT};
-use tessera_proto::token::{NoRandomness, Token, random};
+use tessera_proto::token::{NoRandomness, Token};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::task::{AbortHandle, JoinSet};
-use tokio::time::Instant;
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tonic::transport::Server;
 use worker::{LocalScene, TileTracer};
 
 use crate::access::{Access, Guarded};
-use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished, Verification};
-use crate::journal::{Found, Head, Sink};
-use crate::plan::Plan;
-use crate::scheduler::{self, Scheduler};
-use driver::{Driver, OwnCore};
+use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use crate::queue::{Orders, Queue};
+use control::Control;
+use dispatch::Dispatcher;
 use gate::Gate;
 use guard::GuardLayer;
 use incoming::Doorway;
-use passes::{Clock, Passes};
-use service::{Door, Heard, Offer, Service};
-use stitch::Stitched;
+use service::{Door, Heard, Service};
 use strangers::Strangers;
-use verify::Verify;
 
+pub use canvas::Canvas;
+pub(crate) use canvas::{Seen, look};
+pub(crate) use dispatch::{Order, Standing, WorkerView};
 pub use timing::Timing;
 
 /// What workers said and the driver has not heard yet: bounds memory, since every tile may be
@@ -102,6 +102,18 @@ impl Farm {
     /// # Errors
     /// [`RenderError::Listen`] when the address is taken or not of this machine.
     pub async fn bind_guarded(listen: ListenAddr, access: &Access) -> Result<Self, RenderError> {
+        Self::bind_for(listen, access, None).await
+    }
+
+    /// As [`Farm::bind_guarded`], and also answers the users of `queue`, for [`Farm::serve`].
+    ///
+    /// # Errors
+    /// [`RenderError::Listen`] when the address is taken or not of this machine.
+    pub async fn bind_serving(listen: ListenAddr, access: &Access, queue: &Queue) -> Result<Self, RenderError> {
+        Self::bind_for(listen, access, Some(queue.clone())).await
+    }
+
+    async fn bind_for(listen: ListenAddr, access: &Access, queue: Option<Queue>) -> Result<Self, RenderError> {
         let wanted = match listen {
             ListenAddr::Loopback => SocketAddr::from(([127, 0, 0, 1], 0)),
             ListenAddr::Socket(addr) => addr,
@@ -115,6 +127,7 @@ impl Farm {
         let door = Arc::new(Door::new(heard_by, gate.clone()).map_err(randomness)?);
         let guard = access.guard().cloned();
         let layer = GuardLayer { strangers: strangers.clone(), guard: guard.clone(), local: door.secret };
+        let control = queue.map(|queue| Control::new(queue, gate.clone()).into_server());
         let doorway = Doorway { gate, strangers: strangers.clone(), guard: guard.clone() };
         let closing = CancellationToken::new();
         let server = Server::builder()
@@ -126,6 +139,7 @@ impl Farm {
             .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
             .layer(layer)
             .add_service(Service(door.clone()).into_server())
+            .add_optional_service(control)
             .serve_with_incoming_shutdown(
                 incoming::accept(listener, doorway, closing.clone()),
                 closing.clone().cancelled_owned(),
@@ -171,99 +185,30 @@ impl Farm {
         progress: watch::Sender<Progress>,
         cancel: CancellationToken,
     ) -> Result<Rendered, Unfinished> {
-        let start = Instant::now();
-        let view = job.settings.view;
-        let whole = Region { x0: 0, y0: 0, x1: view.width(), y1: view.height() };
-        if !whole.contains(&job.region)
-            || Region::new(job.region.x0, job.region.y0, job.region.x1, job.region.y1).is_none()
-        {
-            return Err(RenderError::Region(job.region).into());
-        }
         self.hire(job.workers, job.threads);
         let tracer = if self.hired.is_some() { Some(tracer(&job).await?) } else { None };
-        progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
-
         let Self { door, heard, server, hired, strangers, closing, .. } = self;
-        let offer = Offer { scene: job.scene.scene().clone(), settings: job.settings, pixels: job.pixels };
-        door.offer.get_or_init(|| offer);
         if let Some(hired) = &hired {
             hired.tracer.send_replace(tracer);
         }
-        let samples = match job.settings.sampling {
-            Sampling::Uniform { grid } => grid * grid,
-            Sampling::Scrambled { samples } => samples,
-            // What every pixel begins with, and what a few get beyond.
-            Sampling::Adaptive => 6,
-        };
-        let scheduler = Scheduler::new(scheduler::Config {
-            region: job.region,
-            tile: job.tile,
-            samples,
-            expected: hired.as_ref().map_or(0, |hired| hired.count),
-            bytes_per_pixel: job.pixels.bytes_per_pixel() as u64,
-            patience: job.patience,
-            suspect_after: job.timing.suspect_after,
-            dead_after: job.timing.dead_after,
-            prepare_within: job.timing.prepare_within,
-        });
-        let (sink, found) = keep(&job);
-        let clock = Clock { start, before: job.spent + found.as_ref().map_or(Duration::ZERO, |f| f.spent) };
-        let (left, reader) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader)));
-        let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
-        let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader).map_err(|e| internal(&e))?;
-        let plan = Plan::new(job.goal, whole, job.region);
-        let passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
-        let seed = random().map_err(|e: NoRandomness| internal(&e))?;
-        let core =
-            OwnCore { scene: job.scene, settings: job.settings, format: job.pixels, threads: job.threads.max(1) };
-        let driver = Driver::new(
-            scheduler,
-            (door, job.pixels),
-            (heard, tiles),
-            progress.clone(),
-            passes,
-            (start, job.timing),
-            (Verify::new(job.verify, seed), core),
-        );
-        let (ended, end, passes, verification) = driver.run(&cancel).await;
-        let Stitched { image, done } = stitcher.await.map_err(|e| internal(&e))??;
+        let count = hired.as_ref().map_or(0, |hired| hired.count);
+        let dispatcher = Dispatcher::new(door, heard, job.timing, count);
+        let finished = dispatcher.render_one(job, progress, &cancel).await?;
+        let rendered = finished.rendered(strangers.total()).await;
         drop((server, hired, closing));
-
-        let p = progress.borrow().clone();
-        let (tiles, trace) = (done.len() as u64, end - start);
-        let error = passes.error();
-        let rendered = Rendered {
-            region: job.region,
-            image,
-            done,
-            rays: p.rays,
-            earlier: p.earlier,
-            workers: p.workers,
-            tiles,
-            trace,
-            error: (error.pixels > 0).then_some(error),
-            target_met: passes.is_met(&error),
-            pass: passes.pass,
-            forecast: passes.forecast(),
-            passes: passes.begun,
-            timed_out: passes.timed_out,
-            strangers: strangers.total(),
-            verification: Verification { share: job.verify, ..verification },
-        };
-        match ended {
-            Ok(()) => Ok(rendered),
-            Err(error) => Err(Unfinished { error, partial: Some(Box::new(rendered)) }),
-        }
+        rendered
     }
 }
 
-/// Starts the job's journal, if it has one, and gives what an earlier run left in it. What may have to be taken back
-/// is not kept: a journal knows neither whose tiles were confirmed nor by which keys.
-fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
-    let Some(journal) = job.journal.as_ref().filter(|_| job.verify == 0.0) else { return (None, None) };
-    let (scene, goal) = (job.scene.scene().clone(), job.goal);
-    let (settings, region, pixels) = (job.settings, job.region, job.pixels);
-    journal.start(move || Head::new(&scene, settings, region, pixels, goal))
+impl Farm {
+    /// Renders what the queue orders until `cancel`; then every job ends as it is, and the workers are dismissed.
+    pub async fn serve(self, queue: &Queue, orders: Orders, cancel: CancellationToken) {
+        let Self { door, heard, server, closing, .. } = self;
+        let dispatcher = Dispatcher::new(door, heard, Timing::default(), 0);
+        queue.attach(dispatcher.views());
+        dispatcher.serve(orders.0, &cancel).await;
+        drop((server, closing));
+    }
 }
 
 /// What renders tiles in this process, one for all its workers.

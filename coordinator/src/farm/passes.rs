@@ -7,11 +7,12 @@ use tessera_core::film::{ErrorEstimate, Region, Sum};
 use tessera_core::settings::{Detail, Pass};
 use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{Lease, TileDone};
+use tessera_proto::identity::WorkerId;
 use tessera_proto::{Attempt, LeaseId, PassNumber};
 use tokio::time::Instant;
 
-use crate::job::TileSize;
-use crate::journal::{Kept, KeptPass, Place, Sink, rest};
+use crate::job::{CheckedTile, TileSize};
+use crate::journal::{Delivery, Kept, KeptPass, Place, Sink, ThrownOut, rest};
 use crate::plan::{Forecast, Outcome, Plan, Step};
 
 /// Regions that a pass may be cut into where a part of it is done already.
@@ -33,6 +34,12 @@ pub(super) struct Turn {
     pub(super) again: Vec<Again>,
     /// What is to be rendered; `None` when the picture is done.
     pub(super) step: Option<Step>,
+    /// Whether all of it was rendered by an earlier run, and only has to be verified.
+    pub(super) nothing_left: bool,
+    /// Tiles of an earlier run, where they are verified: of the pass to be rendered, and of the last one that is in
+    /// the picture, if this turn went through it.
+    pub(super) made: Vec<Kept>,
+    pub(super) made_before: Option<Vec<Kept>>,
     /// Of all passes that this turn went through.
     pub(super) rays: RayCounts,
     pub(super) tiles: u64,
@@ -66,6 +73,10 @@ pub(super) struct Passes {
     clock: Clock,
     left: BTreeMap<u32, KeptPass>,
     sink: Option<Sink>,
+    /// Whether tiles are verified: a pass does not end with its last tile.
+    held: bool,
+    /// Whether parts of the picture were taken out, and are not yet in it again.
+    holed: bool,
     /// The pass at hand.
     at_hand: Outcome,
     began: Duration,
@@ -99,6 +110,8 @@ impl Passes {
             clock,
             left,
             sink,
+            held: false,
+            holed: false,
             at_hand: Outcome::default(),
             began: Duration::ZERO,
             kept: false,
@@ -109,6 +122,11 @@ impl Passes {
             pass: None,
             timed_out: false,
         }
+    }
+
+    /// Ends no pass of an earlier run whose tiles may still have to be verified.
+    pub(super) fn hold(&mut self) {
+        self.held = true;
     }
 
     /// When time is up.
@@ -134,13 +152,18 @@ impl Passes {
         let mut turn = Turn::default();
         while let Some(mut step) = next {
             let ended = self.begin(&mut step, &mut turn);
-            if !step.regions.is_empty() || turn.pixels_done == 0 {
+            let is_done = step.regions.is_empty() && turn.pixels_done > 0;
+            if !is_done || (self.held && ended.is_none()) {
                 turn.work = match &step.regions[..] {
+                    [] if is_done => 0.0,
                     [] => self.plan.work(&self.region),
                     regions => regions.iter().map(|r| self.plan.work(r)).sum(),
                 };
-                turn.step = Some(step);
+                (turn.step, turn.nothing_left) = (Some(step), is_done);
                 break;
+            }
+            if self.kept {
+                turn.made_before = Some(std::mem::take(&mut turn.made));
             }
             next = self.end(ended);
         }
@@ -164,6 +187,7 @@ impl Passes {
             turn.pixels = self.region.area();
         }
         (turn.tiles_done, turn.pixels_done) = (0, 0);
+        turn.made.clear();
         let KeptPass { mut tiles, ended } = self.left.remove(&number)?;
         let asked = |t: &Kept| self.lease(t.lease.region);
         tiles.retain(|t| t.lease == asked(t));
@@ -179,6 +203,9 @@ impl Passes {
             return None;
         };
         step.regions = left;
+        if self.held {
+            turn.made.clone_from(&tiles);
+        }
         for tile in tiles {
             let region = tile.lease.region;
             turn.tiles_done += 1;
@@ -218,18 +245,34 @@ impl Passes {
     }
 
     /// Takes in a tile. Gives whether it belongs into the picture, and then whether nothing was in its place.
-    pub(super) fn accept(&mut self, region: Region, done: &TileDone, worker: String) -> Option<bool> {
+    pub(super) fn accept(
+        &mut self,
+        region: Region,
+        done: &TileDone,
+        (name, made): (String, Option<(WorkerId, [u8; 32])>),
+    ) -> Option<bool> {
         self.account(region, done.error);
-        let (lease, now) = (self.lease(region), self.clock.now());
+        let (lease, at) = (self.lease(region), self.clock.now());
         if let Some(sink) = &mut self.sink {
-            sink.tile(lease, done, self.kept, (worker, now));
+            sink.tile(lease, done, self.kept, Delivery { name, at, made });
         }
         self.kept.then_some(self.whole == 0)
     }
 
-    /// Forgets `regions` of the pass at hand, which are to be rendered again: `rest` is the error of the others.
-    /// Nothing takes them out of a sink: there is none where tiles may be taken back.
-    pub(super) fn take_back(&mut self, regions: &[Region], rest: ErrorEstimate) {
+    /// A tile of the pass at hand was rendered a second time.
+    pub(super) fn checked(&mut self, check: &CheckedTile, confirmed: bool) {
+        if let Some(sink) = &mut self.sink {
+            sink.checked(self.begun.saturating_sub(1), check, confirmed);
+        }
+    }
+
+    /// Forgets what a liar made: `regions` of the pass at hand are to be rendered again, and `rest` is the error of the
+    /// others. The picture has holes until the end of this pass, where `holed`.
+    pub(super) fn take_back(&mut self, out: &ThrownOut, regions: &[Region], rest: ErrorEstimate, holed: bool) {
+        if let Some(sink) = &mut self.sink {
+            sink.thrown_out(out);
+        }
+        self.holed |= holed;
         self.at_hand.tiles.retain(|(region, _)| !regions.contains(region));
         self.at_hand.error = rest;
     }
@@ -266,6 +309,7 @@ impl Passes {
         let next = self.plan.next(&outcome);
         if self.kept {
             self.whole += 1;
+            self.holed = false;
             self.picture = outcome;
             self.pass = self.detail;
         }
@@ -315,7 +359,7 @@ impl Passes {
 
     /// Whether there is a whole picture.
     pub(super) fn is_whole(&self) -> bool {
-        self.whole > 0
+        self.whole > 0 && !self.holed
     }
 
     /// The number of the pass at hand, from 1, and whether it only looks.
@@ -351,111 +395,4 @@ fn common(a: &Region, b: &Region) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-    use crate::plan::Goal;
-
-    const WHOLE: Region = Region { x0: 3, y0: 4, x1: 203, y1: 154 };
-
-    /// A pixel's expected squared error: more in some parts of the picture, and the less the finer the tolerance.
-    fn error(region: &Region, pass: Option<Pass>) -> ErrorEstimate {
-        let fine = match pass.map(|p| p.detail) {
-            Some(Detail::Within(tolerance)) => tolerance.fraction(),
-            _ => 1.0,
-        };
-        let square = |x: u32, y: u32| f64::from((x / 16 * 7 + y / 16 * 13) % 11) * fine * fine;
-        let rows = (region.y0..region.y1).flat_map(|y| (region.x0..region.x1).map(move |x| (x, y)));
-        let mut error = ErrorEstimate::default();
-        for (x, y) in rows {
-            error.add(square(x, y));
-            error.audit(square(x, y), 0.0, 1.0);
-        }
-        error
-    }
-
-    /// What a render was, to be compared.
-    #[derive(Debug, PartialEq)]
-    struct End {
-        passes: u32,
-        pass: Option<Pass>,
-        error: ErrorEstimate,
-    }
-
-    /// Renders towards `goal` from what is left of an earlier run, in tiles of `edge`, no more than `most` of them.
-    /// Gives what there is to go on from, the pixels rendered, and the end if it came to that.
-    fn run(goal: Goal, left: &[(u32, Kept)], edge: u32, most: usize) -> (Vec<(u32, Kept)>, u64, Option<End>) {
-        let mut by_pass = BTreeMap::<u32, KeptPass>::new();
-        for (pass, kept) in left {
-            by_pass.entry(*pass).or_default().tiles.push(kept.clone());
-        }
-        let clock = Clock { start: Instant::now(), before: Duration::ZERO };
-        let tile = TileSize::Edge(edge);
-        let mut passes = Passes::new(Plan::new(goal, WHOLE, WHOLE), (WHOLE, tile), clock, by_pass, None);
-        let (mut all, mut rendered) = (left.to_vec(), 0);
-        let mut turn = passes.first();
-        while let Some(step) = turn.step {
-            let regions = if step.regions.is_empty() { vec![WHOLE] } else { step.regions };
-            for region in regions.iter().flat_map(|r| r.blocks(edge)) {
-                if all.len() - left.len() == most {
-                    return (all, rendered, None);
-                }
-                let (lease, error) = (passes.lease(region), error(&region, step.pass));
-                let done = TileDone {
-                    lease: lease.id,
-                    attempt: lease.attempt,
-                    pixels: bytes::Bytes::new(),
-                    error,
-                    rays: RayCounts::default(),
-                    busy: Duration::ZERO,
-                    idle: Duration::ZERO,
-                };
-                passes.accept(region, &done, String::new());
-                let kept = Kept { lease, error, rays: done.rays, place: Place::default() };
-                all.push((passes.begun - 1, kept));
-                rendered += region.area();
-            }
-            turn = passes.passed();
-        }
-        let end = End { passes: passes.begun, pass: passes.pass, error: passes.error() };
-        (all, rendered, Some(end))
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
-
-        /// Ended anywhere, any number of times, a render comes to the same end, and nothing is rendered twice.
-        #[test]
-        fn a_render_that_is_gone_on_with_is_the_quiet_one(
-            edges in prop::collection::vec(5u32..80, 1..5), most in 1usize..60,
-            target in prop::option::of(0.2f64..4.0),
-        ) {
-            let goal = target.map_or(Goal::AsSet, |steps| Goal::Error(steps / 255.0));
-            let (_, once, quiet) = run(goal, &[], edges[0], usize::MAX);
-            let (mut left, mut sum, mut end) = (Vec::new(), 0, None);
-            for edge in edges.iter().cycle() {
-                let (all, rendered, ended) = run(goal, &left, *edge, most);
-                (left, sum) = (all, sum + rendered);
-                if ended.is_some() {
-                    end = ended;
-                    break;
-                }
-            }
-            prop_assert_eq!(end, quiet);
-            prop_assert_eq!(sum, once);
-        }
-    }
-
-    #[test]
-    fn tiles_that_were_rendered_otherwise_or_overlap_are_not_taken() {
-        let goal = Goal::AsSet;
-        let (all, ..) = run(goal, &[], 50, 3);
-        let mut other = all.clone();
-        other.iter_mut().for_each(|(_, kept)| kept.lease.number = PassNumber(7));
-        assert_eq!(run(goal, &other, 50, usize::MAX).1, WHOLE.area());
-        let twice = [&all[..], &all[..1]].concat();
-        assert_eq!(run(goal, &twice, 50, usize::MAX).1, WHOLE.area());
-        assert!(run(goal, &all, 50, usize::MAX).1 < WHOLE.area());
-    }
-}
+mod tests;

@@ -1,6 +1,6 @@
 //! Who ever worked here: workers by their keys, and the names they are shown under.
 
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
 use tessera_proto::InstanceId;
 use tessera_proto::identity::WorkerId;
@@ -16,6 +16,8 @@ const BANNED: usize = 10_000;
 #[derive(Debug, Default)]
 pub(super) struct Roster {
     known: HashMap<WorkerId, Known>,
+    /// What workers of an earlier run were called.
+    before: BTreeMap<WorkerId, String>,
     names: HashSet<String>,
     /// How often a name was asked for, so that the next one of it is found at once.
     asked: HashMap<String, u32>,
@@ -33,6 +35,16 @@ struct Known {
 }
 
 impl Roster {
+    /// Empty, of a render whose workers were called so in an earlier run.
+    pub(super) fn of(before: BTreeMap<WorkerId, String>) -> Self {
+        Self { before, ..Self::default() }
+    }
+
+    /// What a worker was called in an earlier run.
+    pub(super) fn name_before(&self, id: WorkerId) -> Option<&str> {
+        self.before.get(&id).map(String::as_str)
+    }
+
     /// Enters a worker that came, with its figures in `workers`, and gives its number, its place there, and the
     /// name it is shown under: its own, unless another has it.
     pub(super) fn enter(&mut self, id: WorkerId, came: WorkerStats, workers: &mut Vec<WorkerStats>) -> Entered {

@@ -1,12 +1,12 @@
-//! The gRPC service: a thin door between workers and the driver.
+//! The gRPC service: a thin door between workers and the dispatcher.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
 
 use tessera_core::scene::Scene;
 use tessera_core::settings::Settings;
-use tessera_proto::convert::{Job, Malformed, Registration, TileDone, cause, check_match, check_pixels};
+use tessera_proto::convert::{Malformed, Registration, TileDone, cause, check_match, check_pixels};
 use tessera_proto::identity::Challenge;
 use tessera_proto::limits::{MAX_MESSAGE_BYTES, REGISTER_WITHIN, SCENE_PIECE_BYTES};
 use tessera_proto::plausible::{brightest, check_light, check_rays};
@@ -15,8 +15,8 @@ use tessera_proto::token::{NoRandomness, Secret, random};
 use tessera_proto::wire::farm_server::{self, FarmServer};
 use tessera_proto::wire::worker_message::Kind;
 use tessera_proto::wire::{self, BeatReply, BeatRequest, CoordinatorMessage, ScenePiece, SceneRequest, WorkerMessage};
-use tessera_proto::{Attempt, LeaseId, PixelFormat, SceneHash, SessionId};
-use tokio::sync::{OnceCell, mpsc, oneshot};
+use tessera_proto::{Attempt, JobNumber, LeaseId, PixelFormat, SceneHash, SessionId};
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
@@ -38,10 +38,10 @@ pub(super) const IN_PEACE: &str = "it ended the session";
 /// How causes begin that are the network's.
 pub(super) const BROKE: &str = "the connection broke";
 
-/// Where the driver speaks to a worker.
+/// Where the dispatcher speaks to a worker.
 pub(super) type Mouth = mpsc::Sender<Result<CoordinatorMessage, Status>>;
 
-/// What the driver hears.
+/// What the dispatcher hears.
 #[derive(Debug)]
 pub(super) enum Heard {
     /// A worker that fits registered.
@@ -50,6 +50,8 @@ pub(super) enum Heard {
     Said { worker: WorkerKey, said: Said },
     /// This process rendered a check's tile, or could not.
     Decided { check: u64, sum: Option<Sum> },
+    /// The scene of a job can be named now.
+    Described(JobNumber),
     /// A worker's stream ended.
     Left { worker: WorkerKey, cause: String },
 }
@@ -72,7 +74,7 @@ pub(super) struct Joined {
 /// What a worker says once registered, in core's words.
 #[derive(Debug)]
 pub(super) enum Said {
-    Ready,
+    Ready(JobNumber),
     Done(TileDone),
     Failed {
         lease: LeaseId,
@@ -84,20 +86,40 @@ pub(super) enum Said {
         attempt: Attempt,
     },
     Draining,
-    Unable(String),
+    Unable(JobNumber, String),
+    /// A tile of a job that is not rendered now.
+    Stale(LeaseId),
     /// Something that the protocol does not allow.
     Nonsense(String),
 }
 
-/// What workers are told of the job.
+/// What workers are told of a job.
 #[derive(Debug)]
 pub(super) struct Offer {
-    pub(super) scene: Arc<Scene>,
+    scene: Arc<Scene>,
     pub(super) settings: Settings,
     pub(super) pixels: PixelFormat,
+    /// Hash and length of the scene's binary form, once a worker needed them.
+    name: OnceLock<(SceneHash, u64)>,
+    /// Whether they are being taken.
+    naming: AtomicBool,
 }
 
 impl Offer {
+    pub(super) fn new(scene: Arc<Scene>, settings: Settings, pixels: PixelFormat) -> Self {
+        Self { scene, settings, pixels, name: OnceLock::new(), naming: AtomicBool::new(false) }
+    }
+
+    /// With hash and length of the scene's binary form, which are known.
+    pub(super) fn described(self, name: (SceneHash, u64)) -> Self {
+        Self { name: name.into(), ..self }
+    }
+
+    /// Hash and length of the scene's binary form, where they are known.
+    pub(super) fn scene_name(&self) -> Option<(SceneHash, u64)> {
+        self.name.get().copied()
+    }
+
     /// Whether a delivery can be part of this picture, whatever its lease.
     fn check(&self, done: &TileDone) -> Result<(), Malformed> {
         let (lights, max_depth) = (self.scene.lights().len(), self.settings.max_depth);
@@ -115,13 +137,18 @@ impl Offer {
 pub(super) struct Door {
     pub(super) heard: mpsc::Sender<Heard>,
     pub(super) sessions: Mutex<HashMap<SessionId, Visitor>>,
-    /// What there is to do, once that is known.
-    pub(super) offer: OnceLock<Offer>,
+    offers: RwLock<Offers>,
     /// Known to workers of this process alone.
     pub(super) secret: Secret,
     pub(super) gate: Arc<Gate>,
-    /// Hash and length of the scene's binary form: taken when a worker needs them.
-    pub(super) described: OnceCell<(SceneHash, u64)>,
+}
+
+/// Jobs that are rendered.
+#[derive(Debug, Default)]
+struct Offers {
+    jobs: BTreeMap<JobNumber, Arc<Offer>>,
+    /// Numbers below were given to jobs.
+    given: u64,
 }
 
 /// A session, as the other calls see it.
@@ -153,19 +180,54 @@ fn over() -> Status {
 impl Door {
     /// Behind this door, and `heard` by whoever listens.
     pub(super) fn new(heard: mpsc::Sender<Heard>, gate: Arc<Gate>) -> Result<Self, NoRandomness> {
-        Ok(Self {
-            heard,
-            sessions: Mutex::default(),
-            offer: OnceLock::new(),
-            secret: Secret::new()?,
-            gate,
-            described: OnceCell::new(),
-        })
+        Ok(Self { heard, sessions: Mutex::default(), offers: RwLock::default(), secret: Secret::new()?, gate })
     }
 
-    /// No worker has a session before there is one.
-    fn offer(&self) -> Result<&Offer, Status> {
-        self.offer.get().ok_or_else(|| Status::unavailable("there is nothing to render yet"))
+    /// Offers a job.
+    pub(super) fn offer(&self, number: JobNumber, offer: Offer) {
+        let mut offers = self.offers.write().unwrap_or_else(PoisonError::into_inner);
+        offers.given = offers.given.max(number.0 + 1);
+        offers.jobs.insert(number, Arc::new(offer));
+    }
+
+    /// Offers a job no more; gives its scene's hash, where it has one.
+    pub(super) fn withdraw(&self, number: JobNumber) -> Option<SceneHash> {
+        let mut offers = self.offers.write().unwrap_or_else(PoisonError::into_inner);
+        offers.jobs.remove(&number)?.scene_name().map(|(hash, _)| hash)
+    }
+
+    /// A job that is offered.
+    pub(super) fn offered(&self, number: JobNumber) -> Option<Arc<Offer>> {
+        self.offers.read().unwrap_or_else(PoisonError::into_inner).jobs.get(&number).cloned()
+    }
+
+    /// Whether there is or was a job of this number.
+    pub(super) fn was_given(&self, number: JobNumber) -> bool {
+        number.0 < self.offers.read().unwrap_or_else(PoisonError::into_inner).given
+    }
+
+    /// An offer with this scene.
+    fn with_scene(&self, hash: &[u8]) -> Option<Arc<Offer>> {
+        let offers = self.offers.read().unwrap_or_else(PoisonError::into_inner);
+        offers.jobs.values().find(|o| o.scene_name().is_some_and(|(h, _)| h.0 == hash)).cloned()
+    }
+
+    /// Whether a job that is offered shows this scene.
+    pub(super) fn keeps(&self, hash: SceneHash) -> bool {
+        self.with_scene(&hash.0).is_some()
+    }
+
+    /// Takes hash and length of a job's scene, on a thread of its own; [`Heard::Described`] tells when they are there.
+    pub(super) fn describe(&self, number: JobNumber) {
+        let Some(offer) = self.offered(number) else { return };
+        if offer.naming.swap(true, Ordering::AcqRel) {
+            return;
+        }
+        let heard = self.heard.clone();
+        tokio::task::spawn_blocking(move || {
+            let _ = offer.name.set(describe(&offer.scene));
+            let _ = heard.blocking_send(Heard::Described(number));
+        });
     }
 
     fn visitor(&self, session: u64) -> Result<Visitor, Status> {
@@ -173,38 +235,13 @@ impl Door {
         sessions.get(&SessionId(session)).cloned().ok_or_else(|| Status::not_found("this session is over"))
     }
 
-    async fn described(&self) -> Result<(SceneHash, u64), Status> {
-        let describe = || async {
-            let scene = self.offer()?.scene.clone();
-            tokio::task::spawn_blocking(move || describe(&scene)).await.map_err(|e| Status::internal(e.to_string()))
-        };
-        self.described.get_or_try_init(describe).await.copied()
-    }
-
-    async fn job(&self, local: bool) -> Result<CoordinatorMessage, Status> {
-        let scene = if local { None } else { Some(self.described().await?) };
-        let &Offer { settings, pixels, .. } = self.offer()?;
-        let job = Job { scene, settings, pixels };
-        Ok(CoordinatorMessage { kind: Some(wire::coordinator_message::Kind::Job(job.into())) })
-    }
-
     /// Reads one worker until its stream ends, and gives why; a broken stream is told so too.
-    async fn listen(
-        &self,
-        worker: WorkerKey,
-        local: bool,
-        mouth: &Mouth,
-        inbox: &mut Streaming<WorkerMessage>,
-    ) -> String {
+    async fn listen(&self, worker: WorkerKey, mouth: &Mouth, inbox: &mut Streaming<WorkerMessage>) -> String {
         let told = |status: Status| {
             let cause = says(&status);
             let _ = mouth.try_send(Err(status));
             cause
         };
-        match self.job(local).await {
-            Ok(job) => drop(mouth.send(Ok(job)).await),
-            Err(status) => return told(status),
-        }
         loop {
             let said = match inbox.message().await {
                 Ok(Some(message)) => self.understand(message),
@@ -220,7 +257,8 @@ impl Door {
     fn understand(&self, message: WorkerMessage) -> Said {
         match message.kind {
             Some(Kind::TileDone(done)) => {
-                let Ok(offer) = self.offer() else { return Said::Nonsense("a tile of nothing".into()) };
+                let lease = LeaseId(done.lease);
+                let Some(offer) = self.offered(lease.job()) else { return Said::Stale(lease) };
                 let done = TileDone::try_from(done).and_then(|d| offer.check(&d).map(|()| d));
                 done.map_or_else(|e| Said::Nonsense(format!("a tile: {e}")), Said::Done)
             }
@@ -228,9 +266,9 @@ impl Door {
                 Said::Failed { lease: LeaseId(f.lease), attempt: Attempt(f.attempt), cause: cause(&f.cause) }
             }
             Some(Kind::LeaseReturned(r)) => Said::Returned { lease: LeaseId(r.lease), attempt: Attempt(r.attempt) },
-            Some(Kind::Ready(_)) => Said::Ready,
+            Some(Kind::Ready(r)) => Said::Ready(JobNumber(r.job)),
             Some(Kind::Draining(_)) => Said::Draining,
-            Some(Kind::Unable(u)) => Said::Unable(cause(&u.cause)),
+            Some(Kind::Unable(u)) => Said::Unable(JobNumber(u.job), cause(&u.cause)),
             Some(Kind::Register(_)) => Said::Nonsense("it registered twice".into()),
             None => Said::Nonsense("an unknown message".into()),
         }
@@ -324,7 +362,7 @@ impl farm_server::Farm for Service {
         tokio::spawn(async move {
             let _in_session = in_session;
             let cause = tokio::select! {
-                cause = door.listen(worker, local, &mouth, &mut inbox) => cause,
+                cause = door.listen(worker, &mouth, &mut inbox) => cause,
                 () = cut.cancelled() => "it was cut off".into(),
             };
             door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&session);
@@ -338,7 +376,7 @@ impl farm_server::Farm for Service {
         let connection = peer(&request)?.connection;
         connection.beaten();
         self.0.gate.settle(&connection);
-        // The driver looks at it now and then: beats wait in no queue, and a flood of them fills none.
+        // The dispatcher looks at it now and then: beats wait in no queue, and a flood of them fills none.
         visitor.pulse.beat();
         Ok(Response::new(BeatReply {}))
     }
@@ -346,16 +384,15 @@ impl farm_server::Farm for Service {
     async fn fetch_scene(&self, request: Request<SceneRequest>) -> Result<Response<Self::FetchSceneStream>, Status> {
         let request = request.into_inner();
         let visitor = self.0.visitor(request.session)?;
-        if request.scene_sha256 != self.0.described().await?.0.0 {
-            return Err(Status::not_found("this is not the scene that is rendered"));
-        }
+        let offer = self.0.with_scene(&request.scene_sha256);
+        let offer = offer.ok_or_else(|| Status::not_found("this is not the scene of a job that is rendered"))?;
         if visitor.fetching.swap(true, Ordering::AcqRel) {
             return Err(Status::resource_exhausted("one fetch a session at a time"));
         }
         let fetching = Fetching(visitor.fetching);
         // Pieces are made as fast as they are sent, and never all at once.
         let (sender, pieces) = mpsc::channel(2);
-        let scene = self.0.offer()?.scene.clone();
+        let scene = offer.scene.clone();
         tokio::task::spawn_blocking(move || {
             let _fetching = fetching;
             for data in SceneEncoder::new(&scene, SCENE_PIECE_BYTES) {

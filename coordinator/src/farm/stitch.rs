@@ -2,12 +2,14 @@
 
 use std::fs::File;
 use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytes::Bytes;
 use tessera_core::film::Region;
 use tessera_proto::{PixelFormat, Pixels};
 use tokio::sync::{mpsc, oneshot};
 
+use super::canvas::{Canvas, TileNote, View};
 use super::passes::Again;
 use crate::job::RenderError;
 use crate::journal;
@@ -19,7 +21,7 @@ const WAITING: usize = 4;
 #[derive(Debug)]
 pub(super) enum Stitch {
     /// That came; `first` where the picture had nothing in this place before.
-    New { region: Region, pixels: Bytes, first: bool },
+    New { region: Region, pixels: Bytes, first: bool, note: Option<TileNote> },
     /// Of an earlier run, all at once: nobody waits until they are read.
     Again(Vec<Again>),
     /// These pixels are not what they should be: as if they had never come.
@@ -34,12 +36,13 @@ pub(super) struct Stitched {
 }
 
 /// The picture to come.
-type Given = oneshot::Receiver<Result<Stitched, RenderError>>;
+pub(super) type Stitcher = oneshot::Receiver<Result<Stitched, RenderError>>;
 
 /// The picture in the making.
 struct Picture {
     whole: Region,
-    stitched: Stitched,
+    view: Arc<Mutex<View>>,
+    done: Vec<Region>,
     /// What was taken back, and was not put again.
     taken: Vec<Region>,
 }
@@ -49,27 +52,33 @@ impl Picture {
         self.paint(&region, pixels);
         let back = cut_out(&mut self.taken, &region);
         if first {
-            self.stitched.done.push(region);
+            self.done.push(region);
         } else {
-            self.stitched.done.extend(back);
+            self.done.extend(back);
         }
     }
 
     fn take(&mut self, region: Region) {
         self.paint(&region, &vec![0; self.row_bytes(&region) * region.height() as usize]);
-        self.taken.extend(cut_out(&mut self.stitched.done, &region));
+        self.taken.extend(cut_out(&mut self.done, &region));
+    }
+
+    fn view(&self) -> MutexGuard<'_, View> {
+        self.view.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn paint(&mut self, region: &Region, pixels: &[u8]) {
-        for (y, row) in (region.y0..region.y1).zip(pixels.chunks_exact(self.row_bytes(region))) {
+        let row_bytes = self.row_bytes(region);
+        let mut view = self.view.lock().unwrap_or_else(PoisonError::into_inner);
+        for (y, row) in (region.y0..region.y1).zip(pixels.chunks_exact(row_bytes)) {
             let at =
                 u64::from(y - self.whole.y0) * u64::from(self.whole.width()) + u64::from(region.x0 - self.whole.x0);
-            self.stitched.image.put(at as usize, row);
+            view.image.put(at as usize, row);
         }
     }
 
     fn row_bytes(&self, region: &Region) -> usize {
-        region.width() as usize * self.stitched.image.format().bytes_per_pixel()
+        region.width() as usize * self.view().image.format().bytes_per_pixel()
     }
 }
 
@@ -83,17 +92,25 @@ pub(super) fn start(
     whole: Region,
     format: PixelFormat,
     journal: Option<File>,
-) -> io::Result<(mpsc::Sender<Stitch>, Given)> {
+    canvas: Canvas,
+) -> io::Result<(mpsc::Sender<Stitch>, Stitcher)> {
     let (sender, mut tiles) = mpsc::channel::<Stitch>(WAITING);
     let (give, given) = oneshot::channel();
     let mut stitch = move || {
         let memory = || RenderError::Memory(whole.area());
         let count = usize::try_from(whole.area()).map_err(|_| memory())?;
         let image = Pixels::black(format, count).ok_or_else(memory)?;
-        let mut picture = Picture { whole, stitched: Stitched { image, done: Vec::new() }, taken: Vec::new() };
+        let view = Arc::new(Mutex::new(View::new(whole, image)));
+        canvas.open(&view);
+        let mut picture = Picture { whole, view, done: Vec::new(), taken: Vec::new() };
         while let Some(tiles) = tiles.blocking_recv() {
             match tiles {
-                Stitch::New { region, pixels, first } => picture.put(region, &pixels, first),
+                Stitch::New { region, pixels, first, note } => {
+                    picture.put(region, &pixels, first);
+                    if let Some(note) = note {
+                        picture.view().note(note);
+                    }
+                }
                 Stitch::Take(region) => picture.take(region),
                 Stitch::Again(tiles) => {
                     let file = journal.as_ref().ok_or_else(|| RenderError::Internal("no journal".into()))?;
@@ -104,7 +121,10 @@ pub(super) fn start(
                 }
             }
         }
-        Ok(picture.stitched)
+        canvas.close();
+        // Whoever looks at it still sees nothing of it.
+        let image = std::mem::replace(&mut picture.view().image, Pixels::Rgb8(Vec::new()));
+        Ok(Stitched { image, done: picture.done })
     };
     // Nobody may be left to take it.
     let run = move || drop(give.send(stitch()));
@@ -148,9 +168,13 @@ mod tests {
     #[tokio::test]
     async fn what_is_taken_back_is_not_done_until_it_is_put_again() {
         let whole = region(10, 10, 14, 12);
-        let (tiles, stitcher) = start(whole, PixelFormat::Rgb8, None).unwrap();
-        let put =
-            |region: Region, first| Stitch::New { region, pixels: vec![9; 3 * region.area() as usize].into(), first };
+        let (tiles, stitcher) = start(whole, PixelFormat::Rgb8, None, Canvas::default()).unwrap();
+        let put = |region: Region, first| Stitch::New {
+            region,
+            pixels: vec![9; 3 * region.area() as usize].into(),
+            first,
+            note: None,
+        };
         for stitch in [
             put(region(10, 10, 12, 12), true),
             put(region(12, 10, 14, 12), true),

@@ -24,18 +24,27 @@ pub struct Head {
     pub(super) region: Region,
     pub(super) pixels: PixelFormat,
     goal: Goal,
+    /// Whether tiles come with what verification needs to go on.
+    pub(super) verified: bool,
 }
 
 impl Head {
     /// What this program makes of `job`. Hashing a large scene takes a while.
     #[must_use]
     pub fn of(job: &RenderJob) -> Self {
-        Self::new(job.scene.scene(), job.settings, job.region, job.pixels, job.goal)
+        Self::new(job.scene.scene(), job.settings, job.region, job.pixels, job.goal).verified(job.verify > 0.0)
     }
 
     pub(crate) fn new(scene: &Scene, settings: Settings, region: Region, pixels: PixelFormat, goal: Goal) -> Self {
         let (scene, pictures) = describe_parts(scene);
-        Self { build: BUILD.into(), numeric_mode: NUMERIC_MODE.into(), scene, pictures, settings, region, pixels, goal }
+        let (build, numeric_mode) = (BUILD.into(), NUMERIC_MODE.into());
+        Self { build, numeric_mode, scene, pictures, settings, region, pixels, goal, verified: false }
+    }
+
+    /// The same, of a render whose tiles are verified or not.
+    #[must_use]
+    pub(crate) fn verified(self, verified: bool) -> Self {
+        Self { verified, ..self }
     }
 
     /// What is not the same in this one, which was found, and in `now`, in a user's words.
@@ -59,6 +68,8 @@ impl Head {
         let region = |r: &Region| format!("{},{},{},{}", r.x0, r.y0, r.x1, r.y1);
         differ("--region", region(&self.region), region(&now.region));
         differ("the accuracy", accuracy(there, self.goal), accuracy(here, now.goal));
+        let verify = |verified: bool| if verified { "on" } else { "off" }.to_owned();
+        differ("--verify", verify(self.verified), verify(now.verified));
         if there.sampling != here.sampling && accuracy(there, self.goal) == accuracy(here, now.goal) {
             found.push("the accuracy (--quality)".into());
         }
@@ -119,6 +130,7 @@ impl From<Head> for journal::Head {
                 Goal::Time { .. } => super::micros(limit).max(1),
                 _ => 0,
             },
+            verified: head.verified,
         }
     }
 }
@@ -150,6 +162,7 @@ impl TryFrom<journal::Head> for Head {
             },
             build: head.build,
             numeric_mode: head.numeric_mode,
+            verified: head.verified,
         })
     }
 }

@@ -25,11 +25,13 @@ use tessera_proto::journal::record::Kind;
 pub(crate) use frame::Place;
 pub use head::Head;
 pub use partial::Partial;
+#[cfg(test)]
+pub(crate) use recover::Made;
 pub use recover::{JournalError, Recovered};
-pub(crate) use recover::{Kept, KeptPass};
+pub(crate) use recover::{Kept, KeptPass, ThrownOut, Verified};
 pub(crate) use rest::rest;
-pub(crate) use writer::Sink;
 use writer::{Begin, Thread};
+pub(crate) use writer::{Delivery, Sink};
 
 /// A render shorter than this leaves no trace on the disk.
 const AFTER: Duration = Duration::from_secs(2);
@@ -50,6 +52,7 @@ pub(crate) struct Found {
     /// Where pixels are read from.
     pub(crate) reader: File,
     pub(crate) passes: BTreeMap<u32, KeptPass>,
+    pub(crate) verified: Verified,
     /// Time that was rendered for, over all runs.
     pub(crate) spent: Duration,
 }
@@ -118,8 +121,8 @@ impl Journal {
     pub(crate) fn start(&self, head: impl FnOnce() -> Head + Send + 'static) -> (Option<Sink>, Option<Found>) {
         let recovered = self.recovered.lock().unwrap_or_else(PoisonError::into_inner).take();
         let (begin, found) = match recovered {
-            Some(Recovered { file, end, reader, passes, spent, .. }) => {
-                (Begin::Behind { file, end }, Some(Found { reader, passes, spent }))
+            Some(Recovered { file, end, reader, passes, verified, spent, .. }) => {
+                (Begin::Behind { file, end }, Some(Found { reader, passes, verified, spent }))
             }
             None => (Begin::New { at: Instant::now() + self.after, head: Box::new(head) }, None),
         };

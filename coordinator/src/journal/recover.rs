@@ -9,12 +9,14 @@ use std::time::Duration;
 use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::trace::RayCounts;
 use tessera_proto::PixelFormat;
-use tessera_proto::convert::{Lease, Malformed, TileDone, check_pixels, check_size};
+use tessera_proto::convert::{Lease, Malformed, TileDone, check_pixels, check_size, printable};
+use tessera_proto::identity::WorkerId;
 use tessera_proto::journal::record::Kind;
 use tessera_proto::journal::{self, Record};
 
 use super::frame::{self, Extent, LETTERS, MAGIC, Place};
 use super::head::Head;
+use crate::job::CheckedTile;
 
 /// Why a journal cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -72,6 +74,38 @@ pub(crate) struct Kept {
     pub(crate) rays: RayCounts,
     /// Where its pixels are.
     pub(crate) place: Place,
+    /// By whom, where tiles are verified.
+    pub(crate) made: Option<Made>,
+}
+
+/// What verification knows of a tile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Made {
+    pub(crate) maker: WorkerId,
+    /// Of what it delivered.
+    pub(crate) sum: [u8; 32],
+    /// Whether the tile was found to be what the scene shows.
+    pub(crate) confirmed: bool,
+}
+
+/// What verification came to in earlier runs.
+#[derive(Debug, Default)]
+pub(crate) struct Verified {
+    pub(crate) checks: Vec<CheckedTile>,
+    /// What workers are called.
+    pub(crate) names: BTreeMap<WorkerId, String>,
+    pub(crate) thrown_out: Vec<ThrownOut>,
+}
+
+/// A worker that lied.
+#[derive(Clone, Debug)]
+pub(crate) struct ThrownOut {
+    pub(crate) worker: WorkerId,
+    pub(crate) name: String,
+    /// What it did.
+    pub(crate) rule: String,
+    /// Tiles that were to be rendered again.
+    pub(crate) redone: u64,
 }
 
 /// What is known of a pass.
@@ -94,6 +128,7 @@ pub struct Recovered {
     pub(super) end: u64,
     pub(super) damaged: bool,
     pub(super) passes: BTreeMap<u32, KeptPass>,
+    pub(super) verified: Verified,
     /// Time that was rendered for, over all runs.
     pub(super) spent: Duration,
 }
@@ -118,18 +153,18 @@ pub(super) fn open(path: &Path) -> Result<Option<File>, JournalError> {
 
 /// Reads the journal `file`, called `path`; `None` where it ends before anything was done.
 pub(super) fn read(file: File, path: &Path) -> Result<Option<Recovered>, JournalError> {
-    let mut reading = Reading { head: None, passes: BTreeMap::new(), spent: Duration::ZERO };
+    let mut reading = Reading::default();
     let extent = frame::scan(&file, |place, record| reading.take(place, record)).map_err(|e: Failed| e.named(path))?;
     let (end, damaged) = match extent {
         Extent::Until(end) => (end, false),
         Extent::Damaged(at) => (at, true),
         Extent::Foreign => return Err(foreign(&file, path)),
     };
-    let Reading { head, passes, spent } = reading;
+    let Reading { head, passes, verified, spent, .. } = reading;
     match head {
         Some(head) => {
             let reader = File::open(path).map_err(|e| JournalError::Io(path.into(), e))?;
-            Ok(Some(Recovered { head, file, reader, end, damaged, passes, spent }))
+            Ok(Some(Recovered { head, file, reader, end, damaged, passes, verified, spent }))
         }
         None if damaged => Err(JournalError::Damaged { path: path.into(), at: end }),
         None => Ok(None),
@@ -175,9 +210,13 @@ impl Failed {
     }
 }
 
+#[derive(Default)]
 struct Reading {
     head: Option<Head>,
     passes: BTreeMap<u32, KeptPass>,
+    verified: Verified,
+    /// Where tiles are in `passes`, by pass and region, where they are verified.
+    places: BTreeMap<(u32, Region), usize>,
     spent: Duration,
 }
 
@@ -189,9 +228,11 @@ impl Reading {
             (None, _) => return Err(Malformed::Missing("the head").into()),
             (Some(_), Kind::Head(_)) => return Err(Failed::Unsound("it has two heads".into())),
             (Some(head), Kind::Tile(tile)) => {
-                let (region, pixels) = (head.region, head.pixels);
-                self.tile(place, tile, region, pixels)?;
+                let (region, pixels, verified) = (head.region, head.pixels, head.verified);
+                self.tile(place, tile, (region, pixels), verified)?;
             }
+            (Some(_), Kind::Checked(checked)) => self.checked(checked)?,
+            (Some(_), Kind::ThrownOut(out)) => self.thrown_out(out)?,
             (Some(_), Kind::Passed(passed)) => {
                 let nanos = Duration::from_nanos;
                 let ended = Some((nanos(passed.took_ns), nanos(passed.now_ns)));
@@ -202,7 +243,13 @@ impl Reading {
         Ok(())
     }
 
-    fn tile(&mut self, place: Place, tile: journal::Tile, whole: Region, format: PixelFormat) -> Result<(), Failed> {
+    fn tile(
+        &mut self,
+        place: Place,
+        tile: journal::Tile,
+        (whole, format): (Region, PixelFormat),
+        verified: bool,
+    ) -> Result<(), Failed> {
         let lease = Lease::try_from(tile.lease.ok_or(Malformed::Missing("a lease"))?)?;
         let done = TileDone::try_from(tile.done.ok_or(Malformed::Missing("a tile"))?)?;
         if !whole.contains(&lease.region) {
@@ -212,11 +259,58 @@ impl Reading {
             check_pixels(&done.pixels, format)?;
             check_size(&done.pixels, format, &lease.region)?;
         }
-        let kept = Kept { lease, error: done.error, rays: done.rays, place };
-        self.passes.entry(lease.number.0).or_default().tiles.push(kept);
+        let made = if verified {
+            let sum = tile.sum_sha256[..].try_into().map_err(|_| Malformed::Range("a tile's sum"))?;
+            let maker = key(&tile.key)?;
+            self.verified.names.entry(maker).or_insert_with(|| printable(&tile.worker));
+            Some(Made { maker, sum, confirmed: false })
+        } else {
+            None
+        };
+        let kept = Kept { lease, error: done.error, rays: done.rays, place, made };
+        let tiles = &mut self.passes.entry(lease.number.0).or_default().tiles;
+        if verified {
+            self.places.insert((lease.number.0, lease.region), tiles.len());
+        }
+        tiles.push(kept);
         self.spent = self.spent.max(Duration::from_micros(tile.at_us));
         Ok(())
     }
+}
+
+impl Reading {
+    fn checked(&mut self, checked: journal::Checked) -> Result<(), Failed> {
+        let region = Region::try_from(checked.region.ok_or(Malformed::Missing("a region"))?)?;
+        // The disk may have refused the tile itself.
+        if checked.confirmed
+            && let Some(&place) = self.places.get(&(checked.pass, region))
+            && let Some(pass) = self.passes.get_mut(&checked.pass)
+            && let Some(made) = pass.tiles.get_mut(place).and_then(|kept| kept.made.as_mut())
+        {
+            made.confirmed = true;
+        }
+        let checker = (!checked.checked_by.is_empty()).then(|| printable(&checked.checked_by));
+        let (maker, agreed) = (printable(&checked.made_by), checked.agreed);
+        self.verified.checks.push(CheckedTile { region, maker, checker, agreed });
+        Ok(())
+    }
+
+    fn thrown_out(&mut self, out: journal::ThrownOut) -> Result<(), Failed> {
+        let worker = key(&out.key)?;
+        let stands = |kept: &Kept| kept.made.is_none_or(|made| made.maker != worker || made.confirmed);
+        self.passes.values_mut().for_each(|pass| pass.tiles.retain(stands));
+        self.places.clear();
+        for (&number, pass) in &self.passes {
+            self.places.extend(pass.tiles.iter().enumerate().map(|(k, tile)| ((number, tile.lease.region), k)));
+        }
+        let (name, rule, redone) = (printable(&out.name), printable(&out.rule), out.redone);
+        self.verified.thrown_out.push(ThrownOut { worker, name, rule, redone });
+        Ok(())
+    }
+}
+
+fn key(bytes: &[u8]) -> Result<WorkerId, Malformed> {
+    bytes.try_into().map(WorkerId).map_err(|_| Malformed::Range("a worker's key"))
 }
 
 impl Recovered {

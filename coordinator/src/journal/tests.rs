@@ -62,6 +62,11 @@ fn tile(n: u32, pass: u32) -> (Lease, TileDone) {
     (lease, done)
 }
 
+/// By a worker, at a time.
+fn by(at: Duration) -> Delivery {
+    Delivery { name: "w".into(), at, made: None }
+}
+
 /// A journal's path in a folder of its own.
 fn path() -> (TempDir, PathBuf) {
     let at = tempfile::tempdir().unwrap();
@@ -76,7 +81,7 @@ fn keep(path: &Path, tiles: std::ops::Range<u32>) {
     let mut sink = sink.unwrap();
     for n in tiles {
         let (lease, done) = tile(n, 0);
-        sink.tile(lease, &done, true, ("w".into(), Duration::from_secs(n.into())));
+        sink.tile(lease, &done, true, by(Duration::from_secs(n.into())));
     }
     drop(sink);
     assert_eq!(journal.kept(), Some(path));
@@ -119,7 +124,7 @@ fn a_short_render_leaves_nothing() {
     let journal = Journal::open(&path, false).unwrap();
     let (sink, _) = journal.start(|| panic!("nobody asks for it"));
     let (lease, done) = tile(0, 0);
-    sink.unwrap().tile(lease, &done, true, ("w".into(), Duration::ZERO));
+    sink.unwrap().tile(lease, &done, true, by(Duration::ZERO));
     assert_eq!(journal.kept(), None);
     assert!(!path.exists());
 }
@@ -131,11 +136,11 @@ fn passes_are_kept_with_their_times_and_looks_without_pixels() {
     let (sink, _) = journal.start(head);
     let mut sink = sink.unwrap();
     let (lease, done) = tile(0, 0);
-    sink.tile(lease, &done, false, ("w".into(), Duration::ZERO));
+    sink.tile(lease, &done, false, by(Duration::ZERO));
     let (took, now) = (Duration::from_nanos(1_234_567_891), Duration::from_nanos(9_876_543_211));
     sink.passed(0, took, now);
     let (lease, done) = tile(3, 1);
-    sink.tile(lease, &done, true, ("w".into(), now));
+    sink.tile(lease, &done, true, by(now));
     drop(sink);
     assert!(journal.kept().is_some());
     drop(journal);
@@ -159,7 +164,7 @@ fn file(synced: impl Fn(&[u8]) -> u64) -> Vec<u8> {
             lease: Some(lease.into()),
             done: Some(done.into()),
             worker: "w".into(),
-            at_us: 0,
+            ..Default::default()
         };
         put(&mut bytes, &Record { kind: Some(Kind::Tile(tile)) }, synced);
     }

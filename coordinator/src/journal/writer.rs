@@ -11,12 +11,15 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use tessera_proto::convert::{Lease, TileDone};
+use tessera_proto::identity::WorkerId;
 use tessera_proto::journal::record::Kind;
 use tessera_proto::journal::{self, Record};
 use tessera_proto::{Attempt, LeaseId};
 
 use super::frame::{MAGIC, put};
 use super::head::Head;
+use super::recover::ThrownOut;
+use crate::job::CheckedTile;
 
 /// What is written is on the disk after this time, and the disk's own.
 const SYNC_EVERY: Duration = Duration::from_millis(500);
@@ -32,15 +35,26 @@ const RETRY_AFTER: Duration = Duration::from_secs(5);
 /// What is to be kept.
 enum Entry {
     Tile(Box<Accepted>),
-    Passed(journal::Passed),
+    /// Of another kind, and short.
+    Other(Box<Kind>),
 }
 
 /// A tile, by whom and when.
 struct Accepted {
     lease: Lease,
     done: TileDone,
-    worker: String,
-    at: Duration,
+    by: Delivery,
+}
+
+/// Whose a tile is.
+#[derive(Clone, Debug)]
+pub(crate) struct Delivery {
+    /// The worker's name.
+    pub(crate) name: String,
+    /// Since the render began.
+    pub(crate) at: Duration,
+    /// The worker's key and the sum of what it delivered, where tiles are verified.
+    pub(crate) made: Option<(WorkerId, [u8; 32])>,
 }
 
 impl Entry {
@@ -48,19 +62,19 @@ impl Entry {
     fn bytes(&self) -> usize {
         match self {
             Self::Tile(tile) => 256 + tile.done.pixels.len(),
-            Self::Passed(_) => 0,
+            Self::Other(_) => 0,
         }
     }
 
     fn record(self) -> Record {
         let kind = match self {
-            Self::Tile(tile) => Kind::Tile(journal::Tile {
-                lease: Some(tile.lease.into()),
-                done: Some(tile.done.into()),
-                worker: tile.worker,
-                at_us: super::micros(tile.at),
-            }),
-            Self::Passed(passed) => Kind::Passed(passed),
+            Self::Tile(tile) => {
+                let Accepted { lease, done, by: Delivery { name: worker, at, made } } = *tile;
+                let (key, sum_sha256) = made.map(|(key, sum)| (key.0.to_vec(), sum.to_vec())).unwrap_or_default();
+                let (lease, done, at_us) = (Some(lease.into()), Some(done.into()), super::micros(at));
+                Kind::Tile(journal::Tile { lease, done, worker, at_us, key, sum_sha256 })
+            }
+            Self::Other(kind) => *kind,
         };
         Record { kind: Some(kind) }
     }
@@ -77,19 +91,44 @@ pub(crate) struct Sink {
 impl Sink {
     /// Keeps a tile: how it was rendered (ids do not matter), what came, by whom and when. Without `pixels` where
     /// they are not for the picture.
-    pub(crate) fn tile(&mut self, lease: Lease, done: &TileDone, pixels: bool, (worker, at): (String, Duration)) {
+    pub(crate) fn tile(&mut self, lease: Lease, done: &TileDone, pixels: bool, by: Delivery) {
         let lease = Lease { id: LeaseId(0), attempt: Attempt(0), ..lease };
         let mut done = TileDone { lease: lease.id, attempt: lease.attempt, ..done.clone() };
         if !pixels {
             done.pixels = Bytes::new();
         }
-        self.send(Entry::Tile(Box::new(Accepted { lease, done, worker, at })));
+        self.send(Entry::Tile(Box::new(Accepted { lease, done, by })));
     }
 
     /// Keeps the end of a pass.
     pub(crate) fn passed(&mut self, pass: u32, took: Duration, now: Duration) {
         let nanos = |d: Duration| u64::try_from(d.as_nanos()).unwrap_or(u64::MAX);
-        self.send(Entry::Passed(journal::Passed { pass, took_ns: nanos(took), now_ns: nanos(now) }));
+        let passed = journal::Passed { pass, took_ns: nanos(took), now_ns: nanos(now) };
+        self.send(Entry::Other(Box::new(Kind::Passed(passed))));
+    }
+
+    /// Keeps that a tile of a pass was rendered twice, and whether it is `confirmed`.
+    pub(crate) fn checked(&mut self, pass: u32, check: &CheckedTile, confirmed: bool) {
+        let checked = journal::Checked {
+            pass,
+            region: Some(check.region.into()),
+            made_by: check.maker.clone(),
+            checked_by: check.checker.clone().unwrap_or_default(),
+            agreed: check.agreed,
+            confirmed,
+        };
+        self.send(Entry::Other(Box::new(Kind::Checked(checked))));
+    }
+
+    /// Keeps that a worker lied: what it made until now counts no more, unless it was confirmed.
+    pub(crate) fn thrown_out(&mut self, out: &ThrownOut) {
+        let ThrownOut { worker, name, rule, redone } = out.clone();
+        self.send(Entry::Other(Box::new(Kind::ThrownOut(journal::ThrownOut {
+            key: worker.0.to_vec(),
+            name,
+            rule,
+            redone,
+        }))));
     }
 
     fn send(&mut self, entry: Entry) {
@@ -149,6 +188,7 @@ pub(super) fn start(path: &Path, begin: Begin) -> io::Result<(Sink, Thread)> {
         held_bytes: 0,
         state: State::Waiting(None),
         buffer: Vec::new(),
+        vital: false,
     };
     let run = move || {
         match begin {
@@ -206,6 +246,8 @@ struct Writer {
     held_bytes: usize,
     state: State,
     buffer: Vec<u8>,
+    /// Whether a record is among them without which the file would be worse than none.
+    vital: bool,
 }
 
 impl Writer {
@@ -244,13 +286,15 @@ impl Writer {
 
     fn take(&mut self, entry: Entry) {
         let bytes = entry.bytes();
+        let is_vital = matches!(&entry, Entry::Other(kind) if matches!(**kind, Kind::ThrownOut(_)));
         match &mut self.state {
             State::Waiting(_) => {
                 self.held_bytes += bytes;
                 self.held.push(entry);
                 return;
             }
-            State::Open(out) if out.retry_at.is_none_or(|at| Instant::now() >= at) => {
+            State::Open(out) if is_vital || out.retry_at.is_none_or(|at| Instant::now() >= at) => {
+                self.vital |= is_vital;
                 put(&mut self.buffer, &entry.record(), out.synced);
             }
             State::Open(_) | State::Dead => {}
@@ -295,10 +339,14 @@ impl Writer {
             Ok(()) => {
                 out.end += self.buffer.len() as u64;
                 out.retry_at = None;
-                out.sync_at.get_or_insert_with(|| Instant::now() + SYNC_EVERY);
+                let wait = if self.vital { Duration::ZERO } else { SYNC_EVERY };
+                let sync_at = Instant::now() + wait;
+                out.sync_at = Some(out.sync_at.map_or(sync_at, |at| at.min(sync_at)));
             }
+            Err(e) if self.vital => self.renounce(&e),
             Err(e) => self.refused(&e),
         }
+        self.vital = false;
         self.buffer.clear();
     }
 
@@ -325,6 +373,21 @@ impl Writer {
             }
             Err(e) => self.refused(&e),
         }
+    }
+
+    /// The disk refused what takes back what is in the file: who went on from that would have a liar's pixels.
+    fn renounce(&mut self, e: &io::Error) {
+        tracing::warn!(
+            "cannot write '{}': {e}; it is removed, since it holds what was found to be wrong",
+            self.path.display()
+        );
+        if let State::Open(out) = &self.state {
+            // Also where the name cannot be removed.
+            let _ = out.file.set_len(0);
+        }
+        let _ = std::fs::remove_file(&self.path);
+        self.exists.store(false, Ordering::Release);
+        self.state = State::Dead;
     }
 
     /// The disk refused: the file ends with what is whole, and what comes in the next while is not kept.

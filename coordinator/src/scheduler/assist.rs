@@ -39,7 +39,8 @@ impl Scheduler {
         let idle: Vec<WorkerKey> = if self.cutter.pixels_left() > 0 || self.open.is_empty() {
             return;
         } else {
-            self.room.iter().take_while(|(leases, _, _)| *leases == 0).map(|(_, _, worker)| *worker).collect()
+            let free = self.room.iter().take_while(|(leases, _, _)| *leases == 0).map(|(_, _, worker)| *worker);
+            free.filter(|worker| self.workers.get(worker).is_some_and(|w| !w.is_occupied())).collect()
         };
         if idle.is_empty() {
             return;
@@ -108,14 +109,16 @@ impl Scheduler {
             let whole = self.time_for(key, before) + w.line.lag();
             let due = began + 2 * whole + SLACK;
             let overdue = !w.is_alive() || self.now >= due;
-            let rest = if overdue { Duration::MAX } else { (began + whole).saturating_sub(self.now) };
+            let began = if w.is_occupied() { began.max(self.now) } else { began };
+            // What is later than was expected will be later still by as much.
+            let rest = if overdue { Duration::MAX } else { (began + whole).abs_diff(self.now) };
             all.push(Late {
                 tile: id,
                 area,
                 rest,
                 due,
-                begun: place < w.running,
-                copies: usize::from(!overdue || self.is_careful()),
+                begun: place < w.running && !w.is_occupied(),
+                copies: usize::from(!overdue && !w.is_occupied() || self.is_careful()),
             });
         }
     }

@@ -60,6 +60,11 @@ impl Line {
         self.lag
     }
 
+    /// Whether more was on its way at some time than the line carries.
+    pub(super) fn is_narrow(&self) -> bool {
+        self.narrowed.is_some()
+    }
+
     /// Whether more seemed to be on its way of late than the line carries.
     pub(super) fn is_full(&self) -> bool {
         self.window.is_some() && self.quickest.is_some_and(|q| self.lag > q + WAIT)

@@ -72,7 +72,7 @@ use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::settings::Pass;
-use tessera_proto::{Attempt, InstanceId, LeaseId, PassNumber};
+use tessera_proto::{Attempt, InstanceId, JobNumber, LeaseId, PassNumber};
 
 use blame::{Loss, Strike};
 use crowd::{Crowd, Place};
@@ -154,7 +154,7 @@ pub(crate) struct Scheduler {
     number: PassNumber,
     /// How closely it looks; `None` where sampling is uniform.
     pass: Option<Pass>,
-    /// Pixels of the pass at hand.
+    /// Pixels to be done in the pass at hand, as often as they are.
     pixels: u64,
     pixels_done: u64,
     tiles_done: u64,
@@ -211,17 +211,18 @@ impl Scheduler {
     }
 
     /// Goes on after [`End::Complete`] with another pass, over disjoint `regions`, in their
-    /// order, or over the whole region where there are none. Pixels are expected to cost
+    /// order, or over the whole region for `None`. Pixels are expected to cost
     /// `dearer` times as much as in the pass before.
-    pub(crate) fn begin(&mut self, pass: Option<Pass>, regions: Vec<Region>, dearer: f64) {
+    pub(crate) fn begin(&mut self, pass: Option<Pass>, regions: Option<Vec<Region>>, dearer: f64) {
         self.ended = false;
         self.number = PassNumber(self.number.0 + 1);
         self.pass = pass;
-        (self.cutter, self.pixels) = if regions.is_empty() {
-            (Cutter::new(self.config.region, self.config.tile), self.config.region.area())
-        } else {
-            let pixels = regions.iter().map(Region::area).sum();
-            (Cutter::of(self.config.region, regions, self.config.tile), pixels)
+        (self.cutter, self.pixels) = match regions {
+            None => (Cutter::new(self.config.region, self.config.tile), self.config.region.area()),
+            Some(regions) => {
+                let pixels = regions.iter().map(Region::area).sum();
+                (Cutter::of(self.config.region, regions, self.config.tile), pixels)
+            }
         };
         (self.pixels_done, self.tiles_done) = (0, 0);
         let slower = |rate: Option<f64>| rate.map(|rate| rate / dearer.max(0.01));
@@ -235,9 +236,19 @@ impl Scheduler {
     }
 
     /// Begins with `pass` and over `regions` instead of as the settings say.
-    pub(crate) fn begin_first(&mut self, pass: Option<Pass>, regions: Vec<Region>) {
+    pub(crate) fn begin_first(&mut self, pass: Option<Pass>, regions: Option<Vec<Region>>) {
         self.begin(pass, regions, 1.0);
         self.number = PassNumber(0);
+    }
+
+    /// Gives out leases of `job`; those of the first job are numbered so from the beginning.
+    pub(crate) fn number_leases(&mut self, job: JobNumber) {
+        self.next_lease = job.lease(self.next_lease).0;
+    }
+
+    /// Whether nothing is left to be cut: whoever has nothing to do will hardly get anything in this pass.
+    pub(crate) fn is_running_out(&self) -> bool {
+        self.cutter.pixels_left() == 0 && self.wanted.is_empty()
     }
 
     /// Leaves it to its owner to say when a pass is complete: what is done may have to be done again.
@@ -250,11 +261,11 @@ impl Scheduler {
         self.pixels_done == self.pixels
     }
 
-    /// Takes back `regions` that were done: they are leased again.
+    /// Takes back `regions` that were done, here or before this scheduler began: they are leased again.
     pub(crate) fn redo(&mut self, regions: Vec<Region>) {
         self.tiles_done = self.tiles_done.saturating_sub(regions.len() as u64);
         for region in regions {
-            self.pixels_done = self.pixels_done.saturating_sub(region.area());
+            self.pixels += region.area();
             self.cutter.give_back(region);
         }
     }
@@ -271,6 +282,11 @@ impl Scheduler {
     pub(crate) fn region_of(&self, worker: WorkerKey, lease: LeaseId) -> Option<Region> {
         let open = self.open.get(&lease).filter(|o| o.worker == worker)?;
         self.tiles.get(&open.tile).map(|t| t.region)
+    }
+
+    /// Whether results had better be small on their way from `worker`.
+    pub(crate) fn has_narrow_line(&self, worker: WorkerKey) -> bool {
+        self.workers.get(&worker).is_some_and(|w| w.line.is_narrow())
     }
 
     /// How many leases `worker` holds.

@@ -104,6 +104,12 @@ impl Worker {
         !self.suspect && !self.stuck
     }
 
+    /// Whether it may still be at work on what is not wanted any more, with all its threads: nobody knows for how
+    /// long.
+    pub(super) fn is_occupied(&self) -> bool {
+        self.revoked.len() >= self.running
+    }
+
     /// Pixels a second that it renders and delivers, once measured.
     pub(super) fn pace(&self) -> Option<f64> {
         self.rate.map(|rate| self.line.pace(rate))

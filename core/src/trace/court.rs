@@ -30,6 +30,9 @@ impl<const N: usize> ExactPath<N> {
     /// The ray after all decisions of the trail.
     fn ray(&mut self, case: &Case<'_>) -> Result<&ExactRay<N>, Unsure> {
         while !self.lost && self.done < case.trail.len() {
+            if case.tracer.is_unwanted() {
+                return Err(Unsure);
+            }
             match Self::met(&mut self.hit, &self.ray, case, case.trail[self.done]) {
                 Ok(hit) => {
                     self.ray = hit.reflect(&self.ray.d);
@@ -216,6 +219,9 @@ impl Court {
 
     fn ask<Q: Question>(&mut self, case: &Case<'_>, question: &Q) -> Option<Q::Answer> {
         let Case { tracer, point, trail } = *case;
+        if tracer.is_unwanted() {
+            return None;
+        }
         let first = self.first.get_or_insert_with(|| ExactPath::new(0, tracer.frame.exact_ray(point)));
         if let Ok(answer) = question.ask(case, first) {
             return Some(answer);

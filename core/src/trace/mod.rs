@@ -18,6 +18,7 @@ pub(crate) mod texture;
 mod wave;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -122,21 +123,23 @@ impl Material {
     }
 }
 
-/// Traces pixels of one picture: a prepared scene under fixed settings.
-#[derive(Debug)]
+/// Traces pixels of one picture: a prepared scene under fixed settings. A copy shares what is large.
+#[derive(Clone, Debug)]
 pub struct Tracer {
     prepared: Arc<PreparedScene>,
     settings: Settings,
     grid: u32,
     frame: Frame,
-    materials: Vec<Material>,
+    materials: Arc<[Material]>,
     background: DVec3,
-    texels: Vec<Texels>,
-    mappings: Vec<Mapping>,
+    texels: Arc<[Texels]>,
+    mappings: Arc<[Mapping]>,
     /// Whether any surface mirrors.
     mirrors: bool,
     level: Level,
     refinement: Refinement,
+    /// Set when nobody wants what is rendered any more.
+    unwanted: Option<Arc<AtomicBool>>,
 }
 
 /// Pixels along the edge of the blocks that threads take: large ones keep more of the rays that
@@ -158,7 +161,7 @@ impl Tracer {
         };
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
-        let materials: Vec<Material> = scene
+        let materials: Arc<[Material]> = scene
             .surfaces()
             .par_iter()
             .map(|s| {
@@ -168,18 +171,20 @@ impl Tracer {
                 };
                 Material { albedo: color * s.diffuse, reflect: s.reflect, pigment: s.pigment }
             })
-            .collect();
+            .collect::<Vec<_>>()
+            .into();
         Ok(Self {
             settings,
             grid,
             mirrors: materials.iter().any(|m| m.reflect > 0.0),
             level: Level::best(),
             refinement: Refinement::On,
+            unwanted: None,
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
             background: linear(scene.background()),
             texels: scene.pictures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
-            mappings: texture::mappings(&scene, &prepared.local),
+            mappings: texture::mappings(&scene, &prepared.local).into(),
             prepared,
         })
     }
@@ -264,6 +269,18 @@ impl Tracer {
         }
     }
 
+    /// The same tracer, which stops soon after `unwanted` is set. What it renders then is of no use: whoever set it
+    /// knows.
+    #[must_use]
+    pub fn until(&self, unwanted: Arc<AtomicBool>) -> Self {
+        Self { unwanted: Some(unwanted), ..self.clone() }
+    }
+
+    /// Whether nobody wants what is rendered any more.
+    pub(crate) fn is_unwanted(&self) -> bool {
+        self.unwanted.as_ref().is_some_and(|unwanted| unwanted.load(Ordering::Relaxed))
+    }
+
     /// The same tracer by other instructions; every level gives the same bits.
     ///
     /// # Panics
@@ -310,6 +327,9 @@ impl Tracer {
         counts: &mut RayCounts,
     ) {
         for (points, out) in points.chunks(wave::PATHS).zip(out.chunks_mut(wave::PATHS)) {
+            if self.is_unwanted() {
+                return;
+            }
             self.wave(points, least, out, scratch, counts);
         }
     }

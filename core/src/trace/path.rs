@@ -41,6 +41,9 @@ impl Tracer {
         let mut sum = DVec3::ZERO;
         counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
+            if self.is_unwanted() {
+                break;
+            }
             let case = Case { tracer: self, point, trail };
             let decision = match self.prepared.closest(&ray, from, query) {
                 Closest::Nothing => None,

@@ -14,7 +14,7 @@ fn a_job_survives_the_wire() {
     for scene in [None, Some((SceneHash([7; 32]), 1234))] {
         for sampling in [settings().sampling, Sampling::Scrambled { samples: 5 }, Sampling::Adaptive] {
             let settings = Settings { sampling, ..settings() };
-            let job = Job { scene, settings, pixels: PixelFormat::Rgb16 };
+            let job = Job { number: JobNumber(7), scene, settings, pixels: PixelFormat::Rgb16 };
             assert_eq!(Job::try_from(wire::Job::from(job.clone())).unwrap(), job);
         }
     }

@@ -1,8 +1,11 @@
 //! The coordinator's side: what the farm's driver does.
 
+use tessera_proto::LeaseId;
+
 use super::super::{Effect, End, Event, MAX_DEPTH, MAX_REVOKED, WorkerKey};
 use super::session::{Down, Up};
 use super::world::{What, World};
+use crate::farm::verify::Verify;
 
 impl World {
     pub(super) fn coordinator_hears(&mut self, session: usize, said: Up) {
@@ -18,22 +21,35 @@ impl World {
         };
         match said {
             Up::Register => self.tell(Event::Broke { worker, rule: "it registered twice".into() }),
-            Up::Ready => self.tell(Event::Ready { worker }),
+            Up::Ready => {
+                self.sessions[session].ready = true;
+                self.tell(Event::Ready { worker });
+            }
             Up::Bytes => self.tell(Event::Heard { worker }),
             Up::Beat => {
                 self.tell(Event::Heard { worker });
                 self.answer(session, Down::BeatReply, 60);
             }
             Up::Garbage => self.tell(Event::Broke { worker, rule: "a tile of the wrong size".into() }),
-            Up::Draining => self.tell(Event::Draining { worker }),
+            Up::Draining => {
+                self.sessions[session].ready = false;
+                self.tell(Event::Draining { worker });
+            }
             Up::Closed => self.left(worker, "the connection broke"),
-            Up::Done { lease, attempt, shows, busy, idle } => {
+            Up::Done { lease, shows, lies, busy, .. } if Verify::is_check(lease) => {
+                self.check_answered(worker, lease, (shows, lies), busy);
+            }
+            Up::Failed { lease, .. } | Up::Returned { lease, .. } if Verify::is_check(lease) => {
+                self.check_failed(worker, lease);
+            }
+            Up::Done { lease, attempt, shows, lies, busy, idle } => {
                 if let Some(region) = self.scheduler.region_of(worker, lease)
                     && self.sessions[session].owed.contains(&lease)
                 {
                     assert_eq!(region, shows, "a tile in the wrong place");
                 }
                 self.sessions[session].owed.remove(&lease);
+                self.lies = lies;
                 self.tell(Event::Done { worker, lease, attempt, busy, idle });
             }
             Up::Failed { lease, attempt } => {
@@ -69,6 +85,8 @@ impl World {
 
     fn unseat(&mut self, worker: WorkerKey) {
         let Some(session) = self.seats.remove(&worker) else { return };
+        let id = self.sessions[session].id;
+        self.unassigned.extend(self.verify.left(worker, id));
         self.answer(session, Down::Closed, 20);
         let s = &mut self.sessions[session];
         (s.closed_there, s.key) = (true, None);
@@ -87,7 +105,7 @@ impl World {
         let mut complete = false;
         for effect in effects {
             if self.verbose {
-                println!("              {effect:?}");
+                println!("{:9.3}     {effect:?}", self.now.as_secs_f64());
             }
             match effect {
                 Effect::Grant { worker, lease } => {
@@ -100,20 +118,26 @@ impl World {
                     assert!(self.sessions[session].owed.contains(&lease), "it was answered before");
                     self.answer(session, Down::Revoke(lease), 30);
                 }
-                Effect::Accept { region, .. } => self.picture.put(&region),
+                Effect::Accept { worker, region } => self.accepted(worker, region),
                 Effect::CutOff { worker, .. } => self.unseat(worker),
                 Effect::Lost { .. } => {}
                 Effect::End(End::Complete) => complete = true,
                 Effect::End(end) => self.end = Some(end),
             }
         }
-        if complete {
+        if self.end.is_none() {
+            self.assign();
+        }
+        let verified = self.verify.is_on() && !self.verify.is_waiting() && self.scheduler.is_done();
+        if complete || (verified && self.end.is_none()) {
             self.passed();
         }
     }
 
     fn passed(&mut self) {
         assert!(self.picture.is_whole(), "complete, and it is not");
+        assert!(self.verify.share() < 1.0 || self.picture.is_true(), "a lie is left");
+        self.verify.next_pass(true);
         if self.passes_left == 0 {
             self.end = Some(End::Complete);
             return;
@@ -121,11 +145,11 @@ impl World {
         self.passes_left -= 1;
         self.picture.clear();
         let dearer = 0.5 + self.rng.f64();
-        self.scheduler.begin(None, Vec::new(), dearer);
+        self.scheduler.begin(None, None, dearer);
         self.tell(Event::Tick);
     }
 
-    fn answer(&mut self, session: usize, said: Down, bytes: usize) {
+    pub(super) fn answer(&mut self, session: usize, said: Down, bytes: usize) {
         let s = &mut self.sessions[session];
         if s.closed_there {
             return;
@@ -145,7 +169,8 @@ impl World {
         }
         for (key, w) in &s.workers {
             let owed = &self.sessions[self.seats[key]].owed;
-            assert!(owed.iter().all(|l| s.open.contains_key(l) || w.revoked.contains(l)), "a lease is forgotten");
+            let known = |l: &LeaseId| Verify::is_check(*l) || s.open.contains_key(l) || w.revoked.contains(l);
+            assert!(owed.iter().all(known), "a lease is forgotten");
             assert!(w.leases.len() <= MAX_DEPTH && w.revoked.len() <= MAX_REVOKED);
         }
         assert!(s.tiles.len() <= s.open.len() + s.wanted.len(), "tiles leak");

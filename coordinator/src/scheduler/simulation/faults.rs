@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::network::Quality;
+use super::verification::id_of;
 use super::worker::FOR_EVER;
 use super::world::{What, World};
 
@@ -45,12 +46,14 @@ pub(super) enum Lie {
     Twice,
     /// What it sends is no tile.
     Garbage,
+    /// Some of its tiles are well-formed and wrong. Only where tiles are verified.
+    Pixels,
 }
 
 /// The faults of a run, with their times.
-pub(super) fn draw(rng: &mut fastrand::Rng, workers: usize) -> Vec<(Duration, Fault)> {
+pub(super) fn draw(rng: &mut fastrand::Rng, workers: usize, verified: bool) -> Vec<(Duration, Fault)> {
     let count = rng.usize(0..12);
-    let mut faults: Vec<_> = (0..count).map(|_| (seconds(FAULTY * rng.f64()), one(rng, workers))).collect();
+    let mut faults: Vec<_> = (0..count).map(|_| (seconds(FAULTY * rng.f64()), one(rng, workers, verified))).collect();
     faults.sort_by_key(|f| f.0);
     faults
 }
@@ -59,7 +62,7 @@ fn seconds(s: f64) -> Duration {
     Duration::from_secs_f64(s)
 }
 
-fn one(rng: &mut fastrand::Rng, workers: usize) -> Fault {
+fn one(rng: &mut fastrand::Rng, workers: usize, verified: bool) -> Fault {
     let worker = rng.usize(0..workers);
     let time = seconds(0.1 + 8.0 * rng.f64() * rng.f64());
     match rng.u32(0..16) {
@@ -78,7 +81,8 @@ fn one(rng: &mut fastrand::Rng, workers: usize) -> Fault {
         11 => Fault::Slow { worker, times: 2.0 + 20.0 * rng.f64() },
         12 => Fault::Drain { worker, again: time },
         13 => {
-            let lie = [Lie::Forged, Lie::Attempt, Lie::Twice, Lie::Garbage][rng.usize(0..4)];
+            let lies = [Lie::Forged, Lie::Attempt, Lie::Twice, Lie::Garbage, Lie::Pixels, Lie::Pixels];
+            let lie = lies[rng.usize(0..if verified { 6 } else { 4 })];
             Fault::Lie { worker, lie }
         }
         14 => Fault::Stall { time },
@@ -118,7 +122,12 @@ impl World {
                 self.drain(worker);
                 self.at(self.now + again + Duration::from_secs(2), What::Start { worker });
             }
-            Fault::Lie { worker, lie } => self.workers[worker].lie = Some(lie),
+            Fault::Lie { worker, lie } => {
+                self.workers[worker].lie = Some(lie);
+                if matches!(lie, Lie::Pixels) {
+                    self.liars.insert(id_of(self.workers[worker].instance));
+                }
+            }
             Fault::Stall { time } => self.stalled_until = self.stalled_until.max(self.now + time),
             Fault::Strangers { count } => self.stranger(count),
         }

@@ -22,6 +22,8 @@ pub(super) struct Picture {
     curse: Option<Curse>,
     cursed: (u32, u32),
     done: Vec<bool>,
+    /// Pixels that are not what they should be.
+    lies: Vec<bool>,
 }
 
 impl Picture {
@@ -31,7 +33,8 @@ impl Picture {
         let spread = [1.0, 3.0, 20.0][rng.usize(0..3)];
         let costs = (0..blocks).map(|_| f64::powf(spread, 2.0 * rng.f64() - 1.0)).collect();
         let cursed = (rng.u32(0..width), rng.u32(0..height));
-        Self { width, height, costs, curse, cursed, done: vec![false; (width * height) as usize] }
+        let none = vec![false; (width * height) as usize];
+        Self { width, height, costs, curse, cursed, done: none.clone(), lies: none }
     }
 
     pub(super) fn region(&self) -> Region {
@@ -63,14 +66,30 @@ impl Picture {
     }
 
     /// Puts a tile into it.
-    pub(super) fn put(&mut self, r: &Region) {
+    pub(super) fn put(&mut self, r: &Region, lies: bool) {
         for y in r.y0..r.y1 {
             for x in r.x0..r.x1 {
-                let pixel = &mut self.done[(y * self.width + x) as usize];
-                assert!(!*pixel, "pixel {x},{y} is done twice");
-                *pixel = true;
+                let at = (y * self.width + x) as usize;
+                assert!(!std::mem::replace(&mut self.done[at], true), "pixel {x},{y} is done twice");
+                self.lies[at] = lies;
             }
         }
+    }
+
+    /// Takes a tile out of it.
+    pub(super) fn take(&mut self, r: &Region) {
+        for y in r.y0..r.y1 {
+            for x in r.x0..r.x1 {
+                let at = (y * self.width + x) as usize;
+                assert!(std::mem::replace(&mut self.done[at], false), "pixel {x},{y} was not done");
+                self.lies[at] = false;
+            }
+        }
+    }
+
+    /// Whether all of it is what it should be.
+    pub(super) fn is_true(&self) -> bool {
+        self.lies.iter().all(|lie| !lie)
     }
 
     pub(super) fn is_whole(&self) -> bool {
@@ -80,5 +99,6 @@ impl Picture {
     /// Begins the next pass.
     pub(super) fn clear(&mut self) {
         self.done.fill(false);
+        self.lies.fill(false);
     }
 }

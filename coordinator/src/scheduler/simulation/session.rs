@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_proto::convert::Lease;
+use tessera_proto::identity::WorkerId;
 use tessera_proto::{Attempt, LeaseId};
 
 use super::super::WorkerKey;
@@ -20,6 +21,8 @@ pub(super) enum Up {
         lease: LeaseId,
         attempt: Attempt,
         shows: Region,
+        /// Whether its pixels are not what they should be.
+        lies: bool,
         busy: Duration,
         idle: Duration,
     },
@@ -53,12 +56,16 @@ pub(super) enum Down {
 #[derive(Debug)]
 pub(super) struct Session {
     pub(super) worker: usize,
+    /// Which worker that was then: one that is killed comes back as another.
+    pub(super) id: WorkerId,
     /// As the coordinator knows it, from registration until it is gone.
     pub(super) key: Option<WorkerKey>,
     pub(super) up: Way<Up>,
     pub(super) down: Way<Down>,
     /// Beats have a connection of their own.
     pub(super) beats: Way<Up>,
+    /// Whether it is ready, as far as the coordinator knows.
+    pub(super) ready: bool,
     /// Leases that the coordinator gave and has no answer to.
     pub(super) owed: BTreeSet<LeaseId>,
     /// Whether the ends are closed.
@@ -67,10 +74,12 @@ pub(super) struct Session {
 }
 
 impl Session {
-    pub(super) fn new(worker: usize, quality: Quality) -> Self {
+    pub(super) fn new(worker: usize, id: WorkerId, quality: Quality) -> Self {
         Self {
             worker,
+            id,
             key: None,
+            ready: false,
             up: Way::new(quality),
             down: Way::new(quality),
             beats: Way::new(quality),

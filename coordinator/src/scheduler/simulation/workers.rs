@@ -8,6 +8,7 @@ use tessera_proto::{Attempt, InstanceId, LeaseId};
 use super::faults::Lie;
 use super::picture::Curse;
 use super::session::{Down, Session, Up};
+use super::verification::id_of;
 use super::worker::SimWorker;
 use super::world::{BEAT, DEAD, What, World};
 
@@ -24,7 +25,7 @@ impl World {
             return self.at(self.now + wait, What::Dial { worker, epoch });
         }
         let session = self.sessions.len();
-        self.sessions.push(Session::new(worker, quality));
+        self.sessions.push(Session::new(worker, id_of(self.workers[worker].instance), quality));
         let w = &mut self.workers[worker];
         w.session = Some(session);
         w.last_reply = self.now;
@@ -103,7 +104,8 @@ impl World {
             Some(Curse::Fails) => self.say(worker, Up::Failed { lease: id, attempt }, 40),
             None => {
                 let bytes = shows.area() as usize * self.bytes_per_pixel as usize + 100;
-                let done = |lease, attempt| Up::Done { lease, attempt, shows, busy, idle };
+                let lies = matches!(self.workers[worker].lie, Some(Lie::Pixels)) && self.rng.u32(0..4) == 0;
+                let done = |lease, attempt| Up::Done { lease, attempt, shows, lies, busy, idle };
                 match self.workers[worker].lie {
                     Some(Lie::Forged) => self.say(worker, done(LeaseId(id.0 + 1_000_000), attempt), bytes),
                     Some(Lie::Attempt) => self.say(worker, done(id, Attempt(attempt.0 + 1)), bytes),

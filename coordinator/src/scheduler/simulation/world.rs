@@ -1,10 +1,11 @@
 //! Everything together, event by event.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
 use std::time::Duration;
 
-use tessera_proto::{InstanceId, LeaseId};
+use tessera_proto::identity::WorkerId;
+use tessera_proto::{InstanceId, JobNumber, LeaseId};
 
 use super::super::{Config, End, Event, Scheduler, WorkerKey};
 use super::faults::{self, FAULTY, Fault};
@@ -12,6 +13,7 @@ use super::network::Quality;
 use super::picture::{Curse, Picture};
 use super::session::{Down, Session, Up};
 use super::worker::SimWorker;
+use crate::farm::verify::Verify;
 use crate::job::{Patience, TileSize};
 
 pub(super) const BEAT: Duration = Duration::from_millis(500);
@@ -51,7 +53,17 @@ pub(super) struct World {
     pub(super) sessions: Vec<Session>,
     pub(super) seats: BTreeMap<WorkerKey, usize>,
     pub(super) bytes_per_pixel: u64,
+    /// Passes in all, and yet to come.
+    pub(super) passes: u32,
     pub(super) passes_left: u32,
+    /// Who renders what a second time, and which checks nobody was given yet.
+    pub(super) verify: Verify,
+    pub(super) unassigned: VecDeque<u64>,
+    pub(super) thrown_out: usize,
+    /// Whether the tile at hand is not what it should be.
+    pub(super) lies: bool,
+    /// Workers whose pixels may not be.
+    pub(super) liars: BTreeSet<WorkerId>,
     pub(super) stalled_until: Duration,
     /// Ways that are cut, by worker: as many times as they are.
     pub(super) cuts: Vec<(u32, u32)>,
@@ -84,6 +96,7 @@ impl World {
         // The whole takes between one and a few dozen seconds.
         let work = picture.cost(&picture.region()) / (1.0 + 20.0 * rng.f64());
         let passes_left = rng.u32(0..3);
+        let share = if curse.is_none() && rng.u32(0..3) == 0 { [0.1, 0.5, 1.0][rng.usize(0..3)] } else { 0.0 };
         let mut world = Self {
             seed,
             now: Duration::ZERO,
@@ -95,7 +108,13 @@ impl World {
             sessions: Vec::new(),
             seats: BTreeMap::new(),
             bytes_per_pixel,
+            passes: 1 + passes_left,
             passes_left,
+            verify: Verify::new(share, [seed as u8; 32], JobNumber(0)),
+            unassigned: VecDeque::new(),
+            thrown_out: 0,
+            lies: false,
+            liars: BTreeSet::new(),
             stalled_until: Duration::ZERO,
             cuts: Vec::new(),
             queue: BinaryHeap::new(),
@@ -106,6 +125,9 @@ impl World {
             verbose: std::env::var_os("SEED").is_some(),
             rng,
         };
+        if world.verify.is_on() {
+            world.scheduler.hold();
+        }
         for n in 0..count {
             let speed = work / count as f64 * (0.3 + world.rng.f64());
             let quality = Quality::any(&mut world.rng);
@@ -113,7 +135,7 @@ impl World {
             let late = if world.rng.u32(0..4) == 0 { 10.0 * world.rng.f64() } else { 0.1 * world.rng.f64() };
             world.at(Duration::from_secs_f64(late), What::Start { worker: n });
         }
-        for (at, fault) in faults::draw(&mut world.rng, count) {
+        for (at, fault) in faults::draw(&mut world.rng, count, share > 0.0) {
             world.at(at, What::Fault(fault));
         }
         world.at(Duration::from_secs_f64(FAULTY + 10.0), What::Rescue);
@@ -152,9 +174,13 @@ impl World {
     }
 
     /// Until when it should have been done: after the last fault there is a worker that does all of it in half a
-    /// minute a pass, and whatever else is noticed in a few seconds.
+    /// minute a pass. A tile of its own may be all there is of a pass, which it then does with half its threads, and
+    /// a holder that crawls is found out once it has taken twice as long as it should. What is verified is rendered
+    /// twice, and what a liar made is made again.
     pub(super) fn bound(&self) -> Duration {
-        Duration::from_secs_f64(FAULTY + 10.0 + 3.0 * 60.0)
+        let again = if self.thrown_out > 0 { 1.0 } else { 0.0 };
+        let times = if self.verify.is_on() { 1.0 + self.verify.share() + again } else { 1.0 };
+        Duration::from_secs_f64(FAULTY + 30.0 + 100.0 * f64::from(self.passes) * times)
     }
 
     fn happen(&mut self, what: What) {
@@ -167,6 +193,7 @@ impl World {
             }
             What::Tick if self.now < self.stalled_until => self.at(self.stalled_until, What::Tick),
             What::Tick => {
+                self.unassigned.extend(self.verify.overdue(self.now, self.scheduler.is_done()));
                 self.tell(Event::Tick);
                 let wake = self.scheduler.wake_at().max(self.now + TICK);
                 self.at(wake, What::Tick);

@@ -27,6 +27,16 @@ fn a_large_picture_is_as_few_tiles_as_time_allows() {
 }
 
 #[test]
+fn what_an_earlier_run_did_can_be_taken_back_before_anything_is_done() {
+    let mut farm = Farm::new(config(32, 8, TileSize::Edge(8)));
+    farm.scheduler.begin_first(None, Region::new(8, 0, 32, 8).map(|left| vec![left]));
+    farm.scheduler.redo(Region::new(0, 0, 8, 8).into_iter().collect());
+    farm.join(1);
+    farm.run();
+    assert_eq!(farm.end, Some(End::Complete));
+}
+
+#[test]
 fn nobody_for_long_is_an_end() {
     let mut farm = Farm::new(config(8, 8, TileSize::Auto));
     farm.wait(Duration::from_secs(31), &[]);

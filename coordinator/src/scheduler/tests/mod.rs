@@ -111,7 +111,7 @@ impl Farm {
             assert!(tile.leases.iter().all(|l| s.open[l].tile == *id));
         }
         let held: u64 = s.tiles.values().map(|t| t.region.area()).sum();
-        assert_eq!(s.pixels_done + s.cutter.pixels_left() + held, s.config.region.area(), "pixels are lost");
+        assert_eq!(s.pixels_done + s.cutter.pixels_left() + held, s.pixels, "pixels are lost");
         for (key, w) in &s.workers {
             assert!(w.leases.iter().all(|l| s.open[l].worker == *key));
             assert!(w.leases.len() <= MAX_DEPTH);

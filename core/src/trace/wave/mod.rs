@@ -165,7 +165,7 @@ impl Kernel for Wave<'_> {
         let stage = Stage { tracer: self.tracer, filter, wide };
         stage.camera::<S>(self.points, rays);
         for depth in 1..=max_depth.min(STEPS) {
-            if rays.count == 0 {
+            if rays.count == 0 || self.tracer.is_unwanted() {
                 break;
             }
             paths.step = depth as usize - 1;
@@ -185,6 +185,9 @@ impl Kernel for Wave<'_> {
         *self.counts += paths.counts;
         for (k, out) in self.out.iter_mut().enumerate() {
             out.radiance = DVec3::new(paths.radiance[0][k], paths.radiance[1][k], paths.radiance[2][k]);
+        }
+        if self.tracer.is_unwanted() {
+            return;
         }
         // Rays are left only where a wave keeps fewer steps than the paths may have.
         for &k in &rays.path[..rays.count] {

@@ -1,7 +1,8 @@
-//! The driver's part in [verification](crate::farm::verify): who renders a tile again, and what becomes of liars.
+//! A job's part in [verification](crate::farm::verify): who renders a tile again, and what becomes of liars.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::settings::{Pass, Settings};
@@ -12,11 +13,13 @@ use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::{LeaseId, PixelFormat};
 use worker::Studio;
 
-use super::{Driver, Ended};
+use super::{Ended, Note, Run};
+use crate::farm::roster::Roster;
 use crate::farm::service::Heard;
 use crate::farm::stitch::Stitch;
-use crate::farm::verify::{Assigned, Closed, Sum, Verify, sum_of};
-use crate::job::{CheckedTile, SceneSource};
+use crate::farm::verify::{Assigned, Closed, Made, Sum, Verify, sum_of};
+use crate::job::{CheckedTile, SceneSource, Verification};
+use crate::journal::{Kept, ThrownOut, Verified};
 use crate::scheduler::{Event, WorkerKey};
 
 /// What this process renders tiles with to decide about others' results: the tracer itself, on threads of its
@@ -28,6 +31,11 @@ pub(crate) struct OwnCore {
     pub(crate) format: PixelFormat,
     pub(crate) threads: usize,
 }
+
+/// Tiles that this process has to render again at once, at most.
+const OWN_AT_ONCE: usize = 2;
+/// Without any worker for so long, this process renders again what an earlier run did.
+const ALONE_AFTER: Duration = Duration::from_secs(2);
 
 /// A tile to be rendered: the check, and what of the picture.
 pub(super) type Wanted = (u64, Region, Option<Pass>);
@@ -69,53 +77,74 @@ impl OwnCore {
     }
 }
 
-impl Driver {
-    /// A tile was accepted: another is to confirm it, where that is drawn.
-    pub(super) fn verify(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
-        let Some(maker) = self.seats.get(&worker).map(|s| s.id) else { return };
-        if let Some(check) = self.verify.accepted(maker, region, self.passes.detail(), done) {
-            self.assign(check);
+impl Run {
+    /// A tile was accepted: another is to confirm it, where that is drawn. Gives whose it is, and the sum of what came,
+    /// where tiles are verified.
+    pub(super) fn verify(&mut self, worker: WorkerKey, region: Region, done: &TileDone) -> Option<(WorkerId, Sum)> {
+        let maker = self.members.get(&worker).filter(|_| self.verify.is_on())?.id;
+        let sum = sum_of(&done.pixels, &done.error);
+        let made = Made { region, maker, error: done.error, verified: false };
+        self.unassigned.extend(self.verify.accepted((made, sum), self.passes.detail(), done.busy));
+        Some((maker, sum))
+    }
+
+    /// Goes on with the verification of what an earlier run did of the pass at hand, and of the picture before.
+    pub(super) fn recover(&mut self, looks: bool, made: &[Kept], before: Option<&[Kept]>) {
+        self.verify.looks(looks);
+        self.unassigned.extend(self.verify.recover(made, before));
+    }
+
+    /// Has tiles rendered again, as far as there is somebody for it.
+    pub(super) fn assign(&mut self) {
+        if self.unassigned.is_empty() {
+            return;
+        }
+        let now = self.start.elapsed();
+        let ready: Vec<_> = self.members.iter().filter(|(_, m)| m.ready).map(|(&k, m)| (k, m.id)).collect();
+        let waited = !ready.is_empty() || now > ALONE_AFTER;
+        while let Some(&check) = self.unassigned.front() {
+            match self.verify.assign(check, &ready, waited && self.own_busy < OWN_AT_ONCE, now) {
+                Some(Assigned::To(worker, lease)) => self.say(worker, Kind::Lease(lease.into())),
+                Some(Assigned::Here { check, region, pass }) => self.check_here((check, region, pass)),
+                Some(Assigned::Later) => return,
+                None => {}
+            }
+            self.unassigned.pop_front();
         }
     }
 
-    /// Has a tile rendered again.
-    fn assign(&mut self, check: u64) {
-        let ready: Vec<_> = self.seats.iter().filter(|(_, s)| s.ready).map(|(&k, s)| (k, s.id)).collect();
-        match self.verify.assign(check, &ready) {
-            Some(Assigned::To(worker, lease)) => self.say(worker, Kind::Lease(lease.into())),
-            Some(Assigned::Here { check, region, pass }) => {
-                if let Some(core) = self.own_core.take() {
-                    self.own = Some(core.start(self.door.heard.clone()));
-                }
-                if self.own.as_ref().is_none_or(|own| own.send((check, region, pass)).is_err()) {
-                    self.verify.decided(check, None);
-                }
-            }
-            None => {}
+    /// Has this process render a tile again.
+    fn check_here(&mut self, wanted: Wanted) {
+        if let Some(core) = self.own_core.take() {
+            self.own = Some(core.start(self.heard_by.clone()));
+        }
+        if self.own.as_ref().is_some_and(|own| own.send(wanted).is_ok()) {
+            self.own_busy += 1;
+        } else {
+            self.verify.decided(wanted.0, None);
         }
     }
 
     /// A worker left: its checks go to others.
     pub(super) fn reassign(&mut self, worker: WorkerKey, id: WorkerId) {
-        for check in self.verify.left(worker, id) {
-            self.assign(check);
-        }
+        self.unassigned.extend(self.verify.left(worker, id));
     }
 
     /// A worker did not render a check's tile.
     pub(super) fn check_failed(&mut self, worker: WorkerKey, lease: LeaseId) -> Ended {
         if self.verify.region_of(worker, lease).is_some()
-            && let Some(id) = self.seats.get(&worker).map(|s| s.id)
+            && let Some(id) = self.members.get(&worker).map(|m| m.id)
         {
             self.verify.failed(lease, id);
-            self.assign(lease.0);
+            self.unassigned.push_back(lease.0);
+            self.assign();
         }
         None
     }
 
     /// A worker rendered a tile again.
     pub(super) async fn check_answered(&mut self, worker: WorkerKey, done: TileDone) -> Ended {
-        let id = self.seats.get(&worker).map(|s| s.id)?;
+        let id = self.members.get(&worker).map(|m| m.id)?;
         let Some(region) = self.verify.region_of(worker, done.lease) else {
             // Nobody waits for it any more.
             return None;
@@ -131,7 +160,8 @@ impl Driver {
         match self.verify.answered(done.lease, id, sum_of(&done.pixels, &done.error)) {
             Some(closed) => self.closed(closed).await,
             None => {
-                self.assign(done.lease.0);
+                self.unassigned.push_front(done.lease.0);
+                self.assign();
                 None
             }
         }
@@ -139,6 +169,7 @@ impl Driver {
 
     /// This process rendered a tile again.
     pub(super) async fn decided(&mut self, check: u64, sum: Option<Sum>) -> Ended {
+        self.own_busy = self.own_busy.saturating_sub(1);
         if sum.is_none() {
             tracing::warn!("a tile could not be verified: it cannot be rendered here");
         }
@@ -155,6 +186,7 @@ impl Driver {
             checker: closed.checker.map(|id| self.name_of(id)),
             agreed: closed.liars.is_empty(),
         };
+        self.passes.checked(&checked, !closed.liars.contains(&closed.maker));
         self.verification.checks.push(checked);
         for &liar in &closed.liars {
             let end = self.throw_out(liar, closed.region).await;
@@ -177,9 +209,11 @@ impl Driver {
         let rule = format!("its tile {x0},{y0} to {x1},{y1} is not what the scene shows");
         let (now, before) = self.verify.take_back(liar);
         tracing::error!("{name} lied: {rule}; {} tiles of it are rendered again", now.len());
-        self.verification.thrown_out.push(name);
-        self.verification.redone += now.len() as u64;
+        let out = ThrownOut { worker: liar, name, rule: rule.clone(), redone: now.len() as u64 };
+        self.verification.thrown_out.push(out.name.clone());
+        self.verification.redone += out.redone;
         self.roster.ban(liar, rule.clone());
+        self.notes.push(Note::Ban { id: liar, rule: rule.clone() });
         for made in now.iter().chain(&before) {
             // Not a pixel of it is to be in the picture, whatever comes now.
             if self.tiles.send(Stitch::Take(made.region)).await.is_err() {
@@ -187,7 +221,7 @@ impl Driver {
             }
         }
         let regions: Vec<Region> = now.iter().map(|m| m.region).collect();
-        self.passes.take_back(&regions, self.verify.error());
+        self.passes.take_back(&out, &regions, self.verify.error(), !before.is_empty());
         let area: u64 = regions.iter().map(Region::area).sum();
         let place = self.roster.place(liar);
         self.progress.send_modify(|p| {
@@ -199,7 +233,7 @@ impl Driver {
             }
         });
         self.scheduler.redo(regions);
-        let session = self.seats.iter().find(|(_, s)| s.id == liar).map(|(&worker, _)| worker);
+        let session = self.members.iter().find(|(_, m)| m.id == liar).map(|(&worker, _)| worker);
         match session {
             Some(worker) => self.tell(Event::Broke { worker, rule }, None).await,
             None => None,
@@ -209,8 +243,21 @@ impl Driver {
     fn name_of(&self, id: WorkerId) -> String {
         let place = self.roster.place(id);
         let progress = self.progress.borrow();
-        place.and_then(|p| progress.workers.get(p)).map_or_else(|| "a worker".into(), |w| w.name.clone())
+        let here = place.and_then(|p| progress.workers.get(p)).map(|w| w.name.as_str());
+        here.or_else(|| self.roster.name_before(id)).unwrap_or("a worker").into()
     }
+}
+
+/// What is known of an earlier run: who was shut out, what workers were called, and what was verified.
+pub(super) fn recall(earlier: Verified) -> (Roster, Verification) {
+    let mut roster = Roster::of(earlier.names);
+    let mut verification = Verification { checks: earlier.checks, ..Verification::default() };
+    for ThrownOut { worker, name, rule, redone } in earlier.thrown_out {
+        roster.ban(worker, rule);
+        verification.thrown_out.push(name);
+        verification.redone += redone;
+    }
+    (roster, verification)
 }
 
 /// Whether an answer is to a check.

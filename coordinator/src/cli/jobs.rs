@@ -1,0 +1,219 @@
+//! `coordinator jobs`, `workers`, `pause`, `resume` and `cancel`.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use tessera_proto::control::{Job, State, Worker};
+use tessera_proto::convert::printable;
+
+use super::args::{ChangeJob, Jobs, Workers};
+use super::console::Console;
+use super::exit::{Exit, Failure};
+use super::farm::Client;
+use super::render::on_runtime;
+use super::{progress, serve};
+
+/// Between two looks at the jobs.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
+
+/// What is to become of a job.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Change {
+    Pause,
+    Resume,
+    Cancel,
+}
+
+/// A peer's text, fit for a terminal.
+pub(super) fn printed(text: &str) -> String {
+    printable(text)
+}
+
+/// A state in a word.
+pub(super) fn state_name(state: State) -> &'static str {
+    match state {
+        State::Unspecified => "unknown",
+        State::Queued => "queued",
+        State::Rendering => "rendering",
+        State::Paused => "paused",
+        State::Done => "done",
+        State::Failed => "failed",
+        State::Cancelled => "cancelled",
+    }
+}
+
+fn is_final(job: &Job) -> bool {
+    matches!(job.state(), State::Done | State::Failed | State::Cancelled)
+}
+
+/// Lists jobs.
+pub(crate) fn list(raw: &Jobs, console: &Console) -> Result<Exit, Failure> {
+    on_runtime(serve::cores(), async {
+        let mut client = Client::connect(&raw.farm).await?;
+        let mut said = String::new();
+        loop {
+            let jobs = match raw.id {
+                Some(id) => vec![client.job(id).await?],
+                None => client.jobs().await?,
+            };
+            let text = match raw.json {
+                true => format!("{:#}\n", Value::Array(jobs.iter().map(as_json).collect())),
+                false => table(&jobs),
+            };
+            if text != said {
+                console.out(&text)?;
+                said = text;
+            }
+            if !raw.watch || jobs.iter().all(is_final) {
+                return Ok(Exit::Done);
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    })
+}
+
+/// Changes jobs' states.
+pub(crate) fn change(raw: &ChangeJob, change: Change, console: &Console) -> Result<Exit, Failure> {
+    on_runtime(serve::cores(), async {
+        let mut client = Client::connect(&raw.farm).await?;
+        for &id in &raw.ids {
+            let job = client.change(id, change).await?;
+            console.say(&format!("job {id} is {}", state_name(job.state())));
+        }
+        Ok(Exit::Done)
+    })
+}
+
+/// Lists workers.
+pub(crate) fn workers(raw: &Workers, console: &Console) -> Result<Exit, Failure> {
+    on_runtime(serve::cores(), async {
+        let mut client = Client::connect(&raw.farm).await?;
+        let workers = client.workers().await?;
+        let text = match raw.json {
+            true => format!("{:#}\n", Value::Array(workers.iter().map(worker_json).collect())),
+            false => worker_table(&workers),
+        };
+        console.out(&text)?;
+        Ok(Exit::Done)
+    })
+}
+
+/// Rows as columns, each as wide as it has to be; the last is not padded.
+fn columns(rows: &[Vec<String>]) -> String {
+    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |n: usize| rows.iter().filter_map(|r| r.get(n)).map(|t| t.chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..count).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let padded = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:width$}"));
+        text += padded.collect::<Vec<_>>().join("  ").trim_end();
+        text.push('\n');
+    }
+    text
+}
+
+fn table(jobs: &[Job]) -> String {
+    let head = ["ID", "STATE", "DONE", "OWNER", "PRIORITY", "SIZE", "NAME"].map(String::from).to_vec();
+    let rows = jobs.iter().map(|job| {
+        let spec = job.spec.clone().unwrap_or_default();
+        let size = spec
+            .region
+            .map_or_else(String::new, |r| format!("{}x{}", r.x1.saturating_sub(r.x0), r.y1.saturating_sub(r.y0)));
+        let share = match (&job.progress, job.state()) {
+            (_, State::Done) => "100 %".into(),
+            (Some(p), _) => {
+                let to_go =
+                    p.remaining_us.map(|us| format!(", {} to go", progress::duration(Duration::from_micros(us))));
+                format!("{:.0} %{}", 100.0 * p.share, to_go.unwrap_or_default())
+            }
+            (None, _) => String::new(),
+        };
+        let mut name = printed(&spec.name);
+        if !job.failure.is_empty() {
+            name += &format!(" ({})", printed(&job.failure));
+        }
+        let (id, state) = (job.id.to_string(), state_name(job.state()).to_owned());
+        vec![id, state, share, printed(&spec.owner), spec.priority.to_string(), size, name]
+    });
+    columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
+}
+
+fn worker_table(workers: &[Worker]) -> String {
+    let head = ["NAME", "ADDRESS", "THREADS", "JOB", "TILES", "LOST", "MRAYS/S"].map(String::from).to_vec();
+    let rows = workers.iter().map(|w| {
+        let job = match (w.draining, w.job) {
+            (true, _) => "leaving".into(),
+            (false, 0) => "-".into(),
+            (false, id) => id.to_string(),
+        };
+        let speed = format!("{:.1}", mega_rays(w));
+        let counts = [w.tiles.to_string(), w.lost.to_string()];
+        let [tiles, lost] = counts;
+        vec![printed(&w.name), printed(&w.address), w.threads.to_string(), job, tiles, lost, speed]
+    });
+    columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
+}
+
+fn mega_rays(w: &Worker) -> f64 {
+    if w.busy_us > 0 { w.rays as f64 / w.busy_us as f64 } else { 0.0 }
+}
+
+fn as_json(job: &Job) -> Value {
+    let spec = job.spec.clone().unwrap_or_default();
+    let time = |ms: u64| (ms > 0).then_some(ms);
+    json!({
+        "id": job.id,
+        "state": state_name(job.state()),
+        "name": spec.name,
+        "owner": spec.owner,
+        "priority": spec.priority,
+        "group": spec.group,
+        "submitted_ms": job.submitted_ms,
+        "started_ms": time(job.started_ms),
+        "ended_ms": time(job.ended_ms),
+        "failure": (!job.failure.is_empty()).then_some(&job.failure),
+        "same_as": time(job.same_as),
+        "share": job.progress.as_ref().map(|p| p.share),
+        "remaining_seconds": job.progress.as_ref().and_then(|p| p.remaining_us).map(|us| us as f64 / 1e6),
+        "workers": job.progress.as_ref().map(|p| p.workers),
+        "pixels_sha256": job.result.as_ref().map(|r| r.pixels_sha256.iter().map(|b| format!("{b:02x}")).collect::<String>()),
+        "target_met": job.result.as_ref().and_then(|r| r.target_met),
+    })
+}
+
+fn worker_json(w: &Worker) -> Value {
+    json!({
+        "name": w.name,
+        "address": w.address,
+        "threads": w.threads,
+        "job": (w.job > 0).then_some(w.job),
+        "draining": w.draining,
+        "tiles": w.tiles,
+        "pixels": w.pixels,
+        "rays": w.rays,
+        "busy_seconds": w.busy_us as f64 / 1e6,
+        "lost": w.lost,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use tessera_proto::control::Spec;
+
+    use super::*;
+
+    #[test]
+    fn tables_line_up_and_say_why_a_job_failed() {
+        let spec = |name: &str| Some(Spec { name: name.into(), owner: "ann".into(), ..Spec::default() });
+        let mut jobs = [
+            Job { id: 1, spec: spec("a"), ..Job::default() },
+            Job { id: 12, spec: spec("b\u{1b}[31m"), failure: "no".into(), ..Job::default() },
+        ];
+        jobs[0].set_state(State::Done);
+        jobs[1].set_state(State::Failed);
+        let text = table(&jobs);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[1].starts_with("1   done    100 %  ann"), "{text}");
+        assert!(lines[2].contains("(no)") && !text.contains('\u{1b}'), "{text}");
+    }
+}

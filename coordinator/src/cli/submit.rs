@@ -1,0 +1,108 @@
+//! `coordinator submit`: scenes to a farm that stays.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use coordinator::PixelFormat;
+use tessera_core::scene::Scene;
+use tessera_proto::control::{Job, State};
+
+use super::args::Submit;
+use super::console::Console;
+use super::exit::{Exit, Failure};
+use super::farm::{Asking, Client};
+use super::options::{Accuracy, Wanted};
+use super::render::{blocking, on_runtime};
+use super::{jobs, scene, serve};
+
+/// Submits the scenes and prints the jobs' numbers.
+pub(crate) fn run(raw: Submit, console: &Console) -> Result<Exit, Failure> {
+    let wanted = Wanted::new(&raw.view)?;
+    on_runtime(serve::cores(), async {
+        let mut client = Client::connect(&raw.farm).await?;
+        let group = match raw.scenes.len() {
+            1 => String::new(),
+            _ => format!("{:016x}", fastrand::u64(..)),
+        };
+        let mut submitted = Vec::new();
+        for path in &raw.scenes {
+            let read = read(path, &raw, console).await?;
+            let named = client.put_scene(read).await?;
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            // Several keep their numbering in the names.
+            let name = match &raw.name {
+                Some(name) if raw.scenes.len() == 1 => name.clone(),
+                Some(name) => format!("{name} {stem}"),
+                None => stem.into_owned(),
+            };
+            let asking = Asking {
+                settings: wanted.settings,
+                region: wanted.region,
+                pixels: match raw.bits.as_str() {
+                    "8" => PixelFormat::Rgb8,
+                    "16" => PixelFormat::Rgb16,
+                    _ => PixelFormat::F32,
+                },
+                goal: goal(wanted.accuracy),
+                tile: raw.view.tile(),
+                verify: raw.view.verify,
+                name: &name,
+                owner: raw.owner.as_deref(),
+                priority: raw.priority,
+                group: &group,
+            };
+            let job = client.submit(asking.spec(named)).await?;
+            console.out(&format!("{}\n", job.id))?;
+            submitted.push(job.id);
+        }
+        if !raw.wait {
+            return Ok(Exit::Done);
+        }
+        let mut exit = Exit::Done;
+        for id in submitted {
+            let mut watched = client.watch(id).await?;
+            let mut last = None;
+            while let Some(job) = watched.next().await? {
+                last = Some(job);
+            }
+            match last.as_ref().map(verdict) {
+                Some(Ok(())) => {}
+                Some(Err(Failure { exit: bad, message })) => {
+                    console.error(&message);
+                    exit = bad;
+                }
+                None => return Err(Failure::new(Exit::Failed, format!("nothing is known of job {id} any more"))),
+            }
+        }
+        Ok(exit)
+    })
+}
+
+/// What a job that ended means for whoever waited for it.
+pub(super) fn verdict(job: &Job) -> Result<(), Failure> {
+    let id = job.id;
+    match job.state() {
+        State::Done if job.result.as_ref().is_some_and(|r| r.target_met == Some(false)) => {
+            Err(Failure::new(Exit::TargetMissed, format!("job {id}: the error asked for was not reached")))
+        }
+        State::Done => Ok(()),
+        State::Failed => Err(Failure::new(Exit::Failed, format!("job {id} failed: {}", jobs::printed(&job.failure)))),
+        state => Err(Failure::new(Exit::Failed, format!("job {id} is {}", jobs::state_name(state)))),
+    }
+}
+
+/// What a farm is to aim at.
+pub(super) fn goal(accuracy: Accuracy) -> coordinator::Goal {
+    match accuracy {
+        Accuracy::Samples => coordinator::Goal::AsSet,
+        Accuracy::Quality(quality) => coordinator::Goal::Error(quality.rmse()),
+        Accuracy::Error(error) => coordinator::Goal::Error(error),
+        Accuracy::Time { limit, error } => coordinator::Goal::Time { limit, error },
+    }
+}
+
+async fn read(path: &Path, raw: &Submit, console: &Console) -> Result<Arc<Scene>, Failure> {
+    let (at, folders) = (path.to_path_buf(), raw.pictures.allow_pictures.clone());
+    let read = blocking(move || scene::read(&at, folders)).await?;
+    scene::accept(read, path, console)
+}

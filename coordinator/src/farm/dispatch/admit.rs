@@ -1,0 +1,93 @@
+//! Who comes in.
+
+use std::collections::BTreeSet;
+use std::sync::PoisonError;
+
+use tessera_proto::SessionId;
+use tessera_proto::wire::coordinator_message::Kind;
+use tessera_proto::wire::{CoordinatorMessage, Welcome};
+use tokio::time::Instant;
+use tonic::Status;
+
+use super::{Dispatcher, FARM, Seat};
+use crate::farm::guard::for_good;
+use crate::farm::roster::Entered;
+use crate::farm::service::{Joined, Visitor};
+use crate::job::WorkerStats;
+use crate::scheduler::WorkerKey;
+
+impl Dispatcher {
+    pub(super) async fn admit(&mut self, joined: Joined) {
+        let Joined { registration, local, address, pulse, mouth, cut, reply } = joined;
+        if reply.is_closed() {
+            // It has given up waiting for an answer.
+            return;
+        }
+        let id = registration.id;
+        if let Some(rule) = self.roster.banned(id) {
+            let _ = reply.send(Err(for_good(Status::permission_denied(format!("cut off before: {rule}")))));
+            return;
+        }
+        let before = self.seats.iter().find(|(_, seat)| seat.id == id).map(|(&worker, _)| worker);
+        if let Some(before) = before {
+            self.left(before, "it dialled again").await;
+        }
+        let room = self.door.gate.workers();
+        if self.seats.len() >= room {
+            let full = format!("there is room for {room} workers here, by the limit of open files (ulimit -n)");
+            let _ = reply.send(Err(Status::resource_exhausted(full)));
+            return;
+        }
+        let worker = WorkerKey(self.next_worker);
+        self.next_worker += 1;
+        let session = SessionId(fastrand::u64(..));
+        let threads = registration.threads;
+        // Names like those of this process' own are theirs alone.
+        let name = registration.name;
+        let name = if !local && name.starts_with("local-") { format!("{name} (remote)") } else { name };
+        let came = WorkerStats { name, threads, address: address.clone(), ..WorkerStats::default() };
+        let Entered { instance, place, name, back } = self.roster.enter(id, came, &mut self.figures);
+        let welcome = Welcome {
+            session: session.0,
+            name: name.clone(),
+            heartbeat_interval_ms: self.timing.beat.as_millis() as u32,
+            suspect_after_ms: self.timing.suspect_after.as_millis() as u32,
+            dead_after_ms: self.timing.dead_after.as_millis() as u32,
+        };
+        let sessions = &self.door.sessions;
+        sessions.lock().unwrap_or_else(PoisonError::into_inner).insert(session, Visitor::new(pulse.clone()));
+        let heard_of = mouth.try_send(Ok(CoordinatorMessage { kind: Some(Kind::Welcome(welcome)) })).is_ok();
+        let felt = (pulse.last(), Instant::now());
+        let seat = Seat {
+            session,
+            mouth,
+            cut,
+            id,
+            instance,
+            name: name.clone(),
+            address,
+            threads,
+            own: local,
+            pulse,
+            felt,
+            draining: false,
+            retired: false,
+            job: None,
+            told: false,
+            unable: BTreeSet::new(),
+            place,
+            lost: 0,
+        };
+        self.seats.insert(worker, seat);
+        if reply.send(Ok((worker, session))).is_err() || !heard_of {
+            return self.left(worker, "it left while registering").await;
+        }
+        let verb = if back { "is back" } else { "joined" };
+        match (local, threads) {
+            (true, _) => tracing::debug!("{name} {verb}"),
+            (false, 1) => tracing::info!(target: FARM, "{name} {verb} with 1 thread"),
+            (false, n) => tracing::info!(target: FARM, "{name} {verb} with {n} threads"),
+        }
+        self.share().await;
+    }
+}

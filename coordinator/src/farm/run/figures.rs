@@ -1,0 +1,68 @@
+//! What is known of each worker, as it is shown and reported.
+
+use tessera_core::film::Region;
+use tessera_proto::convert::TileDone;
+use tessera_proto::identity::WorkerId;
+
+use super::{Note, Run};
+use crate::farm::canvas::TileNote;
+use crate::job::WorkerStats;
+use crate::scheduler::WorkerKey;
+
+impl Run {
+    /// Enters a worker's figures, and gives their place.
+    pub(super) fn enter(&mut self, id: WorkerId, came: WorkerStats) -> usize {
+        let (roster, mut place) = (&mut self.roster, usize::MAX);
+        self.progress.send_modify(|p| place = roster.enter(id, came, &mut p.workers).place);
+        place
+    }
+
+    /// What those who look at the picture are told of a tile.
+    pub(super) fn note_of(&self, region: Region, done: &TileDone, name: &str) -> TileNote {
+        TileNote {
+            region,
+            worker: name.into(),
+            pass: self.passes.at_hand().0,
+            error: (done.error.pixels > 0).then(|| 255.0 * done.error.expected_rmse()),
+            rays: done.rays.total(),
+            busy_us: u64::try_from(done.busy.as_micros()).unwrap_or(u64::MAX),
+        }
+    }
+
+    pub(super) fn name(&self, worker: WorkerKey) -> String {
+        let progress = self.progress.borrow();
+        let stats = self.members.get(&worker).and_then(|m| progress.workers.get(m.place));
+        stats.map_or_else(|| "a worker".into(), |w| w.name.clone())
+    }
+
+    pub(super) fn figures(&self, worker: WorkerKey, change: impl FnOnce(&mut WorkerStats)) {
+        let Some(place) = self.members.get(&worker).map(|m| m.place) else { return };
+        self.progress.send_modify(|p| {
+            if let Some(w) = p.workers.get_mut(place) {
+                change(w);
+            }
+        });
+    }
+
+    pub(super) fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
+        let (tiles_total, earlier, elapsed) =
+            (self.scheduler.tiles_estimate(), self.tiles_of_pass, self.start.elapsed());
+        self.pace.add(self.passes.work(&region));
+        let (share, remaining) = self.pace.tell(elapsed);
+        let place = self.members.get(&worker).map(|m| m.place);
+        self.notes.push(Note::Counted { worker, pixels: region.area(), rays: done.rays, busy: done.busy });
+        self.progress.send_modify(|p| {
+            p.tiles_done += 1;
+            p.tiles_total = (tiles_total + earlier).max(p.tiles_done);
+            p.pixels_done += region.area();
+            p.rays += done.rays;
+            (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining);
+            if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
+                w.tiles += 1;
+                w.pixels += region.area();
+                w.rays += done.rays;
+                w.busy += done.busy;
+            }
+        });
+    }
+}
