@@ -8,10 +8,10 @@ use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::scene::Scene;
 use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
-use tessera_proto::{PixelFormat, Pixels};
+use tessera_proto::PixelFormat;
 use worker::{Exact, Studio};
 
-use crate::farm::{Canvas, Timing};
+use crate::farm::{Canvas, Film, Scratch, Timing};
 use crate::journal::Journal;
 use crate::plan::{Forecast, Goal};
 
@@ -111,6 +111,8 @@ pub struct RenderJob {
     /// Where what is done is kept, if anywhere, and what an earlier run left there. Not used where tiles are verified:
     /// they may have to be taken back.
     pub journal: Option<Arc<Journal>>,
+    /// Where the picture is while it is made, if it is large.
+    pub scratch: Scratch,
     /// Time that passed before the render, where it counts against a limit.
     pub spent: Duration,
     /// Where others see the picture as it grows, if anybody looks.
@@ -137,6 +139,7 @@ impl RenderJob {
             patience: Patience::default(),
             timing: Timing::default(),
             journal: None,
+            scratch: Scratch::default(),
             spent: Duration::ZERO,
             canvas: None,
             studio: Arc::new(Exact),
@@ -212,12 +215,12 @@ pub struct WorkerStats {
 }
 
 /// A picture, whole or in part.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Rendered {
     /// Where its pixels are in the view.
     pub region: Region,
     /// The pixels of `region`, black where not done.
-    pub image: Pixels,
+    pub image: Film,
     /// Which parts are done; together they are `region` when the render succeeded.
     pub done: Vec<Region>,
     /// Rays of all parts.
@@ -323,6 +326,9 @@ pub enum RenderError {
     /// The picture does not fit in memory.
     #[error("there is no memory for a picture of {0} pixels")]
     Memory(u64),
+    /// A large picture's pixels cannot be kept on disk while they are made.
+    #[error("the picture is too large for memory, and its pixels cannot be kept in '{path}' meanwhile: {1}; make room there, or choose another place for the output", path = .0.display())]
+    Scratch(std::path::PathBuf, std::io::Error),
     /// What an earlier run did cannot be read any more.
     #[error("what an earlier run did cannot be read: {0}; --restart begins anew")]
     Journal(std::io::Error),

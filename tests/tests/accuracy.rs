@@ -46,7 +46,7 @@ fn render(scene: &Arc<PreparedScene>, settings: Settings, target: f64, truth: &T
     cluster.job.region = whole(&settings);
     cluster.job.goal = Goal::Error(target / 255.0);
     let rendered = cluster.render_unhurried().unwrap();
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     let error = rendered.error.unwrap();
     Told {
         target,

@@ -43,9 +43,11 @@ fn no_input_is_overwritten_and_no_output_twice() {
     let text = std::fs::read_to_string(at.path().join("demo.xml")).unwrap();
     std::fs::write(at.path().join("partial.xml"), text.replace("globe.ppm", "x.partial.ppm")).unwrap();
     let content = || -> Vec<Vec<u8>> {
-        let files = ["demo.xml", "globe.ppm", "a.png", "b.png", "x.partial.ppm"];
+        let files = ["demo.xml", "globe.ppm", "a.png", "b.png", "x.partial.ppm", "token", "k.pem"];
         files.map(|name| std::fs::read(at.path().join(name)).unwrap()).into()
     };
+    std::fs::write(at.path().join("token"), "a secret").unwrap();
+    std::fs::write(at.path().join("k.pem"), "a key").unwrap();
     let before = (content(), names(at.path()));
     for (command, words) in [
         ("render demo.xml -o globe.ppm", &["'globe.ppm' is a picture of the scene", "choose another name"][..]),
@@ -58,6 +60,8 @@ fn no_input_is_overwritten_and_no_output_twice() {
         ("render demo.xml -o c.png --journal demo.xml", &["'demo.xml' is the scene", "the journal"]),
         ("render demo.xml -o c.png --journal c.png", &["both the picture and the journal"]),
         ("render demo.xml -o c.png --journal globe.ppm", &["'globe.ppm'", "journal"]),
+        ("render demo.xml -o c.png --token-file token --report token", &["'token' is the token", "the report"]),
+        ("render demo.xml -o c.png --tls-cert k.pem --tls-key k.pem --journal k.pem", &["'k.pem' is the certificate"]),
         ("render partial.xml -o x.ppm", &["'x.partial.ppm' is a picture of the scene", "interruption"]),
         ("compare a.png b.png --diff a.png", &["'a.png' is a picture to compare"]),
         ("compare a.png b.png --diff sub/../b.png", &["is a picture to compare"]),

@@ -85,6 +85,16 @@ fn worker(arguments: &[&str], stderr: Stdio) -> std::process::Child {
 }
 
 #[test]
+fn a_worker_s_help_that_cannot_be_written_is_no_success() {
+    for argument in ["--help", "--version"] {
+        let mut command = Command::new(program::program("worker"));
+        command.arg(argument).stdin(Stdio::null()).stderr(Stdio::null());
+        assert_eq!(command.stdout(full()).status().expect("it starts").code(), Some(1), "{argument}");
+        assert_eq!(command.stdout(closed()).status().expect("it starts").code(), Some(0), "{argument}");
+    }
+}
+
+#[test]
 fn a_worker_that_nobody_can_hear_dials_on_and_works() {
     for stderr in [full(), closed()] {
         let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");

@@ -23,7 +23,7 @@ fn directly(cluster: &Cluster) -> (Vec<[f32; 3]>, u64) {
 }
 
 fn floats(rendered: &Rendered) -> &[[f32; 3]] {
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     pixels
 }
 
@@ -48,6 +48,21 @@ fn every_division_of_the_work_gives_the_picture_that_core_gives() {
     }
     let rendered = demo().render().unwrap();
     assert!(same_bits(floats(&rendered), &wanted), "tiles by cost");
+}
+
+#[test]
+fn a_picture_too_large_for_memory_is_the_same() {
+    for format in [PixelFormat::Rgb8, PixelFormat::F32] {
+        let render = |in_memory| {
+            let mut cluster = demo().tile(16);
+            cluster.job.pixels = format;
+            cluster.job.scratch.in_memory = in_memory;
+            cluster.render().unwrap()
+        };
+        let (memory, disk) = (render(u64::MAX), render(0));
+        assert!(memory.image.pixels().is_some() && disk.image.pixels().is_none() && disk.is_complete());
+        assert_eq!(memory.image.sha256().unwrap(), disk.image.sha256().unwrap(), "{format:?}");
+    }
 }
 
 #[test]

@@ -31,7 +31,7 @@ fn painted() -> Cluster {
 
 fn is_painted(rendered: &Rendered) {
     assert!(rendered.is_complete());
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     for (i, pixel) in pixels.iter().enumerate() {
         let (x, y) = (i as u32 % WIDTH, i as u32 / WIDTH);
         assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");
@@ -363,7 +363,7 @@ async fn a_stopped_render_keeps_what_is_done() {
     assert!(matches!(unfinished.error, RenderError::Cancelled));
     let partial = unfinished.partial.unwrap();
     assert_eq!((partial.done.len(), partial.is_complete()), (5, false));
-    let Pixels::F32(pixels) = &partial.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = partial.image.pixels() else { panic!("not floats") };
     for region in &partial.done {
         assert_eq!(pixels[(region.y0 * WIDTH + region.x0) as usize], paint(region.x0, region.y0));
     }

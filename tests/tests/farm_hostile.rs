@@ -31,7 +31,7 @@ fn painted() -> Cluster {
 
 fn is_painted(rendered: &Rendered) {
     assert!(rendered.is_complete());
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     for (i, pixel) in pixels.iter().enumerate() {
         assert_eq!(*pixel, paint(i as u32 % WIDTH, i as u32 / WIDTH));
     }

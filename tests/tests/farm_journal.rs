@@ -28,7 +28,7 @@ fn painted() -> Cluster {
 }
 
 fn is_painted(rendered: &Rendered) {
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     assert!(rendered.is_complete());
     for (i, pixel) in pixels.iter().enumerate() {
         let (x, y) = (WHOLE.x0 + i as u32 % WHOLE.width(), WHOLE.y0 + i as u32 / WHOLE.width());

@@ -21,7 +21,7 @@ fn painted(width: u32, height: u32, tile: u32) -> Cluster {
 
 fn is_painted(rendered: &Rendered, width: u32) {
     assert!(rendered.is_complete());
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     for (i, pixel) in pixels.iter().enumerate() {
         let (x, y) = (i as u32 % width, i as u32 / width);
         assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");

@@ -46,7 +46,7 @@ fn painter(running: &Running) {
 
 fn is_painted(rendered: &Rendered) {
     assert!(rendered.is_complete());
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     for (i, pixel) in pixels.iter().enumerate() {
         let (x, y) = (i as u32 % WIDTH, i as u32 / WIDTH);
         assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");
@@ -98,6 +98,8 @@ async fn all_workers_killed_ends_the_render_or_others_come() {
         } else {
             let unfinished = running.end().await.unwrap_err();
             assert!(matches!(unfinished.error, RenderError::NoWorkers { ever: true, .. }), "{unfinished}");
+            assert!(unfinished.to_string().contains("connection lost"), "{unfinished}");
+            assert!(!unfinished.to_string().contains("h2"), "{unfinished}");
         }
     }
 }

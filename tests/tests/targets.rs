@@ -21,7 +21,7 @@ fn adaptive(goal: Goal) -> Cluster {
 }
 
 fn bits(rendered: &Rendered) -> Vec<[u32; 3]> {
-    let Pixels::F32(pixels) = &rendered.image else { panic!("not floats") };
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
     pixels.iter().map(|p| p.map(f32::to_bits)).collect()
 }
 

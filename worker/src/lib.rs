@@ -149,7 +149,7 @@ pub async fn run(config: Config, stop: CancellationToken) -> Result<Left, Worker
     let own = stop.child_token();
     let expired = async {
         tokio::time::sleep(lifetime).await;
-        tracing::info!("its lifetime of {} s is over", lifetime.as_secs_f32());
+        tracing::info!("its lifetime of {lifetime:.1?} is over");
         own.cancel();
         std::future::pending().await
     };

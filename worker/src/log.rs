@@ -8,8 +8,8 @@ use tracing_subscriber::EnvFilter;
 pub(crate) fn start(verbose: u8) {
     // Other people's layers speak for themselves only where everything is asked for.
     let level = match verbose {
-        0 => "warn,worker=info",
-        1 => "info,worker=debug",
+        0 => "warn,worker=info,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
+        1 => "info,worker=debug,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
         2 => "debug,worker=trace,h2=warn,hyper=warn,hyper_util=warn,tonic=warn,tower=warn",
         _ => "trace",
     };

@@ -102,7 +102,19 @@ struct Args {
 }
 
 fn main() -> ExitCode {
-    let args = Args::parse();
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        // Help that cannot be written is no success.
+        Err(e) => {
+            let written = e.print();
+            return ExitCode::from(match written {
+                _ if e.use_stderr() => 2,
+                Ok(()) => 0,
+                Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => 0,
+                Err(_) => 1,
+            });
+        }
+    };
     log::start(args.verbose);
     match run(args) {
         Ok(code) => code,

@@ -68,8 +68,24 @@ impl From<Status> for Outcome {
             // Any other service at this port may say no: only a coordinator can say that it is for good.
             _ if status.metadata().contains_key(REFUSED_KEY) => Self::Refused(cause(status.message())),
             Code::Unimplemented => Self::Lost("whoever listens there is no coordinator of this release".into()),
-            _ => Self::Lost(says(&status)),
+            _ => Self::Lost(in_words(&status)),
         }
+    }
+}
+
+/// What became of a call, for people: what a coordinator says as it is; of what failed on the way only that, and
+/// what lies beneath to whoever asks for it.
+fn in_words(status: &Status) -> String {
+    if status.source().is_none() {
+        return says(status);
+    }
+    let raw = says(status);
+    tracing::debug!("{raw}");
+    // Whoever answers in another protocol is taken for frames without sense.
+    if ["frame with invalid size", "invalid HTTP version", "invalid preface"].iter().any(|what| raw.contains(what)) {
+        "whoever listens there is no coordinator".into()
+    } else {
+        "connection lost".into()
     }
 }
 

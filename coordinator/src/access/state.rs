@@ -45,6 +45,13 @@ impl State {
         self.folder.join(TOKEN)
     }
 
+    /// All files of it, and what each is.
+    #[must_use]
+    pub fn files(&self) -> [(&'static str, PathBuf); 3] {
+        let authority = self.folder.join(AUTHORITY);
+        [("this user's authority", authority), ("the token", self.token_path()), ("the token", self.user_token_path())]
+    }
+
     /// Where the users' token is.
     #[must_use]
     pub fn user_token_path(&self) -> PathBuf {

@@ -10,6 +10,7 @@ use coordinator::access::{Access, AccessError, Pki, State, TokenFrom};
 
 use super::console::Console;
 use super::exit::{Exit, Failure};
+use super::files::Files;
 
 /// The variable that may hold the token.
 const TOKEN_VARIABLE: &str = "TESSERA_TOKEN";
@@ -104,6 +105,24 @@ impl AccessFlags {
             _ => state.and_then(|state| Access::guarded(&state, token)),
         };
         access.map_err(|e| failed(&e))
+    }
+
+    /// Adds the files that are read.
+    ///
+    /// # Errors
+    /// When one of them is written, too.
+    pub(crate) fn files(&self, files: &mut Files) -> Result<(), Failure> {
+        let named = [
+            ("the token", &self.token_file),
+            ("the certificate", &self.tls_cert),
+            ("the certificate's key", &self.tls_key),
+            ("the authority of workers", &self.tls_client_ca),
+        ];
+        for (what, path) in named.iter().filter_map(|(what, path)| Some((what, path.as_ref()?))) {
+            files.reads(what, path)?;
+        }
+        State::of_user()
+            .map_or(Ok(()), |state| state.files().iter().try_for_each(|(what, path)| files.reads(what, path)))
     }
 
     /// What to type elsewhere. The token itself is for a terminal alone: other outputs are kept and read by others.

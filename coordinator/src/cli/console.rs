@@ -1,6 +1,7 @@
 //! What the program says: results on stdout, everything else on stderr, never through a progress bar.
 
 use std::io::{IsTerminal, Write, stderr, stdout};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use console::Term;
 use indicatif::{MultiProgress, ProgressDrawTarget, TermLike};
@@ -33,7 +34,7 @@ impl Console {
         let terminal = stderr().is_terminal();
         let bars = MultiProgress::new();
         if terminal {
-            bars.set_draw_target(ProgressDrawTarget::term_like_with_hz(Box::new(Narrow(Term::buffered_stderr())), 15));
+            bars.set_draw_target(ProgressDrawTarget::term_like_with_hz(Box::new(Narrow::stderr()), 15));
         }
         Self { bars, colour: terminal && !unwanted }
     }
@@ -47,8 +48,8 @@ impl Console {
     pub(crate) fn log(&self, verbosity: u8) {
         // Who comes and goes is said always; other people's layers speak for themselves only at the loudest.
         let default = match verbosity {
-            0 => "warn,farm=info",
-            1 => "info",
+            0 => "warn,farm=info,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
+            1 => "info,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
             2 => "debug,h2=warn,hyper=warn,hyper_util=warn,tonic=warn,tower=warn",
             _ => "trace",
         };
@@ -115,48 +116,66 @@ pub(crate) fn written_out(written: std::io::Result<()>) -> Result<(), Failure> {
 
 /// The terminal, said to be a little narrower than it is. Bars fill their line, and what
 /// is echoed of Ctrl-C would break a full line in two, half of which would stay behind.
+///
+/// A terminal that was closed takes nothing more, and is told nothing more: the bars' library would panic over it.
 #[derive(Debug)]
-struct Narrow(Term);
+struct Narrow {
+    term: Term,
+    gone: AtomicBool,
+}
+
+impl Narrow {
+    fn stderr() -> Self {
+        Self { term: Term::buffered_stderr(), gone: AtomicBool::new(false) }
+    }
+
+    fn tell(&self, say: impl FnOnce(&Term) -> std::io::Result<()>) -> std::io::Result<()> {
+        if !self.gone.load(Ordering::Relaxed) && say(&self.term).is_err() {
+            self.gone.store(true, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+}
 
 impl TermLike for Narrow {
     fn width(&self) -> u16 {
-        self.0.size().1.saturating_sub(3).max(1)
+        self.term.size().1.saturating_sub(3).max(1)
     }
 
     fn height(&self) -> u16 {
-        self.0.size().0
+        self.term.size().0
     }
 
     fn move_cursor_up(&self, n: usize) -> std::io::Result<()> {
-        self.0.move_cursor_up(n)
+        self.tell(|term| term.move_cursor_up(n))
     }
 
     fn move_cursor_down(&self, n: usize) -> std::io::Result<()> {
-        self.0.move_cursor_down(n)
+        self.tell(|term| term.move_cursor_down(n))
     }
 
     fn move_cursor_right(&self, n: usize) -> std::io::Result<()> {
-        self.0.move_cursor_right(n)
+        self.tell(|term| term.move_cursor_right(n))
     }
 
     fn move_cursor_left(&self, n: usize) -> std::io::Result<()> {
-        self.0.move_cursor_left(n)
+        self.tell(|term| term.move_cursor_left(n))
     }
 
     fn write_line(&self, line: &str) -> std::io::Result<()> {
-        self.0.write_line(line)
+        self.tell(|term| term.write_line(line))
     }
 
     fn write_str(&self, text: &str) -> std::io::Result<()> {
-        self.0.write_str(text)
+        self.tell(|term| term.write_str(text))
     }
 
     fn clear_line(&self) -> std::io::Result<()> {
-        self.0.clear_line()
+        self.tell(Term::clear_line)
     }
 
     fn flush(&self) -> std::io::Result<()> {
-        self.0.flush()
+        self.tell(Term::flush)
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use coordinator::journal::Journal;
-use coordinator::{Pixels, Rendered};
+use coordinator::{PixelFormat, Pixels, Rendered};
 use tessera_core::film::file::{Output, OutputError, Reserved, write_text};
 use tessera_core::film::{PixelsRef, pixels_sha256};
 use tracing::info;
@@ -31,17 +31,20 @@ impl Rest<'_> {
     pub(super) fn finish(mut self, output: &Output, rendered: &Rendered, room: Reserved) -> Result<(), Failure> {
         let _writing = Writing::begin();
         let writing = Instant::now();
-        let pixels = pixels(rendered);
         let size = (rendered.region.width(), rendered.region.height());
         // Where a journal makes up for a crash, the picture must be there before the journal goes.
         let durable = self.journal.is_some_and(|j| j.path().exists());
         let write = || {
-            let written = output.write_reserved(room, size, pixels, durable);
+            let written = match pixels(rendered) {
+                Some(pixels) => output.write_reserved(room, size, pixels, durable),
+                None => output.write_rows_reserved(room, size, &rendered.image, durable),
+            };
             (written, writing.elapsed())
         };
         // The report's hash takes about as long as the picture's file.
-        let hash = || match (&self.options.report, pixels) {
-            (Some(_), PixelsRef::F32(pixels)) => Some(pixels_sha256(pixels)),
+        let hash = || match (&self.options.report, pixels(rendered)) {
+            (Some(_), Some(PixelsRef::F32(pixels))) => Some(pixels_sha256(pixels)),
+            (Some(_), None) if rendered.image.format() == PixelFormat::F32 => rendered.image.sha256().ok(),
             _ => None,
         };
         let ((written, took), pixels_sha256) = rayon::join(write, hash);
@@ -60,9 +63,18 @@ impl Rest<'_> {
         let text = report.to_text().map_err(|e| failed(&e))?;
         match to {
             ReportTo::Stdout => Console::new().out(&text)?,
-            ReportTo::File(path) => write_text(path, &text).map_err(|e| failed(&e))?,
+            ReportTo::File(path) => write_text(path, &text).map_err(|e| self.unreported(output, &e))?,
         }
         Ok(())
+    }
+
+    /// The report cannot be written, as `e` says; the picture can.
+    fn unreported(&self, output: &Output, e: &OutputError) -> Failure {
+        let mut said = format!("{e}; the picture is whole in '{}'", output.path().display());
+        if self.journal.and_then(Journal::kept).is_some_and(|path| path.exists()) {
+            said += "; the same command writes the report once there is a place for it";
+        }
+        Failure::new(Exit::Failed, said)
     }
 
     /// The picture cannot be written where it should, as `e` says: it goes to another place if there is one.
@@ -83,13 +95,13 @@ impl Rest<'_> {
     }
 }
 
-/// The pixels as files take them.
-pub(super) fn pixels(rendered: &Rendered) -> PixelsRef<'_> {
-    match &rendered.image {
+/// The pixels as files take them, where they are in memory.
+fn pixels(rendered: &Rendered) -> Option<PixelsRef<'_>> {
+    Some(match rendered.image.pixels()? {
         Pixels::Rgb8(p) => PixelsRef::Rgb8(p),
         Pixels::Rgb16(p) => PixelsRef::Rgb16(p),
         Pixels::F32(p) => PixelsRef::F32(p),
-    }
+    })
 }
 
 /// Writes the picture into the first folder that takes it, under a name that nothing bears there; gives its path.
@@ -99,7 +111,7 @@ fn somewhere(output: &Output, rendered: &Rendered) -> Option<PathBuf> {
     folders.into_iter().flatten().find_map(|folder| {
         let path = free(&folder, Path::new(name))?;
         let elsewhere = output.at(&path).ok()?;
-        elsewhere.write(size.0, size.1, pixels(rendered)).ok()?;
+        elsewhere.write_rows(size, &rendered.image).ok()?;
         Some(path)
     })
 }

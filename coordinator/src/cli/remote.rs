@@ -133,7 +133,7 @@ fn whole(options: &Options, job: &Job, image: coordinator::Pixels) -> Option<Ren
     let rays = result.rays?;
     Some(Rendered {
         region: options.region,
-        image,
+        image: coordinator::Film::Memory(image),
         done: vec![options.region],
         rays: RayCounts {
             camera: rays.camera,

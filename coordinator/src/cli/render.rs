@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use coordinator::journal::Journal;
-use coordinator::{Farm, Goal, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
+use coordinator::{Farm, Goal, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch, Unfinished};
 use tessera_core::film::ErrorEstimate;
 use tessera_core::film::file::Output;
 use tessera_core::settings::{Detail, Quality};
@@ -56,6 +56,10 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
         None => {
             // All is in its place.
             if let Some(journal) = &journal {
+                if rendered.earlier.tiles > 0 {
+                    // Of the earlier run, should it have been interrupted.
+                    let _ = std::fs::remove_file(options.output.partial().path());
+                }
                 journal.remove();
             }
             match options.progress {
@@ -81,6 +85,7 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
 fn files(options: &Options) -> Result<Files, Failure> {
     let mut files = Files::default();
     files.reads("the scene", &options.scene)?;
+    options.access.files(&mut files)?;
     files.writes("the picture", options.output.path())?;
     files.writes("the picture of what is done at an interruption", options.output.partial().path())?;
     if let Some(ReportTo::File(path)) = &options.report {
@@ -171,6 +176,7 @@ async fn render(
         verify: options.verify,
         patience: options.patience,
         journal,
+        scratch: Scratch { folder: options.output.path().parent().map(Into::into), ..Scratch::default() },
         ..RenderJob::new(source, options.settings)
     };
     if let Some(journal) = job.journal.clone() {
@@ -332,6 +338,7 @@ pub(super) fn failure(error: &RenderError) -> Failure {
         RenderError::Listen { .. }
         | RenderError::Tile { .. }
         | RenderError::Memory(_)
+        | RenderError::Scratch(..)
         | RenderError::Journal(_)
         | RenderError::Internal(_) => Exit::Failed,
     };

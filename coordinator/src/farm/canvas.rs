@@ -6,6 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tessera_core::film::Region;
 use tessera_proto::Pixels;
 
+use super::film::Film;
+
 /// Tiles of which is remembered who rendered them: whoever has not seen older ones looks at the picture as a whole.
 const REMEMBERED: usize = 16_384;
 
@@ -36,14 +38,14 @@ pub struct Canvas(Arc<Mutex<Option<Arc<Mutex<View>>>>>);
 #[derive(Debug)]
 pub(super) struct View {
     pub(super) whole: Region,
-    pub(super) image: Pixels,
+    pub(super) image: Film,
     notes: VecDeque<TileNote>,
     /// Tiles that came before the first that is remembered.
     forgotten: u64,
 }
 
 impl View {
-    pub(super) fn new(whole: Region, image: Pixels) -> Self {
+    pub(super) fn new(whole: Region, image: Film) -> Self {
         Self { whole, image, notes: VecDeque::new(), forgotten: 0 }
     }
 
@@ -91,8 +93,35 @@ impl Canvas {
     pub(crate) fn look(&self, region: &Region, width: u32, height: u32) -> Option<Seen> {
         let view = self.view()?;
         let view = view.lock().unwrap_or_else(PoisonError::into_inner);
-        look(&view.image, &view.whole, region, (width, height))
+        match &view.image {
+            Film::Memory(pixels) => look(pixels, &view.whole, region, (width, height)),
+            film @ Film::Disk(_) => look_up(film, &view.whole, region, (width, height)),
+        }
     }
+}
+
+/// As [`look`], of a picture that is not in memory: row by row.
+fn look_up(film: &Film, whole: &Region, region: &Region, (width, height): (u32, u32)) -> Option<Seen> {
+    if !whole.contains(region) || width == 0 || height == 0 {
+        return None;
+    }
+    let (mut codes, mut linear) = (Vec::new(), Vec::new());
+    for y in 0..height {
+        let y = middle(y, height, region.y0, region.height());
+        let row = Region { y0: y, y1: y + 1, ..*region };
+        let at = u64::from(y - whole.y0) * u64::from(whole.width()) + u64::from(region.x0 - whole.x0);
+        let pixels = film.get(at..at + u64::from(region.width())).ok()?;
+        match look(&pixels, &row, &row, (width, 1))? {
+            Seen::Codes(row) => codes.extend(row),
+            Seen::Linear(row) => linear.extend(row),
+        }
+    }
+    Some(if linear.is_empty() { Seen::Codes(codes) } else { Seen::Linear(linear) })
+}
+
+/// The pixel in the middle of the `n`th of so many parts of a length.
+fn middle(n: u32, of: u32, from: u32, length: u32) -> u32 {
+    from + ((2 * u64::from(n) + 1) * u64::from(length) / (2 * u64::from(of))).min(u64::from(length) - 1) as u32
 }
 
 /// As [`Canvas::look`], of a picture that is there.
@@ -100,9 +129,6 @@ pub(crate) fn look(image: &Pixels, whole: &Region, region: &Region, (width, heig
     if !whole.contains(region) || width == 0 || height == 0 {
         return None;
     }
-    let middle = |n: u32, of: u32, from: u32, length: u32| {
-        from + ((2 * u64::from(n) + 1) * u64::from(length) / (2 * u64::from(of))).min(u64::from(length) - 1) as u32
-    };
     let columns: Vec<usize> =
         (0..width).map(|x| (middle(x, width, region.x0, region.width()) - whole.x0) as usize).collect();
     let rows = (0..height).map(|y| (middle(y, height, region.y0, region.height()) - whole.y0) as usize);

@@ -4,6 +4,7 @@
 mod canvas;
 mod control;
 mod dispatch;
+mod film;
 mod gate;
 mod guard;
 mod incoming;
@@ -46,6 +47,7 @@ use strangers::Strangers;
 pub use canvas::Canvas;
 pub(crate) use canvas::{Seen, look};
 pub(crate) use dispatch::{Order, Standing, WorkerView};
+pub use film::{Film, OnDisk, Scratch};
 pub use timing::Timing;
 
 /// What workers said and the driver has not heard yet: bounds memory, since every tile may be

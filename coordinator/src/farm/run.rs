@@ -119,8 +119,13 @@ impl Run {
         let clock = Clock { start, before: job.spent + found.as_ref().map_or(Duration::ZERO, |f| f.spent) };
         let (left, reader, earlier) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader), f.verified));
         let internal = |e: &dyn std::fmt::Display| RenderError::Internal(e.to_string());
-        let (tiles, stitcher) = stitch::start(job.region, job.pixels, reader, job.canvas.clone().unwrap_or_default())
-            .map_err(|e| internal(&e))?;
+        let (tiles, stitcher) = stitch::start(
+            job.region,
+            (job.pixels, job.scratch.clone()),
+            reader,
+            job.canvas.clone().unwrap_or_default(),
+        )
+        .map_err(|e| internal(&e))?;
         let plan = Plan::new(job.goal, whole, job.region);
         let mut passes = Passes::new(plan, (job.region, job.tile), clock, left, sink);
         let seed = random().map_err(|e: NoRandomness| internal(&e))?;
@@ -201,7 +206,10 @@ impl Run {
     async fn begin(&mut self, turn: Turn) -> Ended {
         let (pass, is_look) = self.passes.at_hand();
         self.progress.send_modify(|p| {
-            (p.tiles_done, p.pixels_done, p.pixels_total) = (turn.tiles_done, turn.pixels_done, turn.pixels);
+            // After the last pass there is none to be told of.
+            if turn.step.is_some() || turn.pixels > 0 {
+                (p.tiles_done, p.pixels_done, p.pixels_total) = (turn.tiles_done, turn.pixels_done, turn.pixels);
+            }
             p.rays += turn.rays;
             p.earlier.rays += turn.rays;
             p.earlier.tiles += turn.tiles;

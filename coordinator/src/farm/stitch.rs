@@ -10,6 +10,7 @@ use tessera_proto::{PixelFormat, Pixels};
 use tokio::sync::{mpsc, oneshot};
 
 use super::canvas::{Canvas, TileNote, View};
+use super::film::{Film, Scratch};
 use super::passes::Again;
 use crate::job::RenderError;
 use crate::journal;
@@ -31,7 +32,7 @@ pub(super) enum Stitch {
 /// What has been stitched.
 #[derive(Debug)]
 pub(super) struct Stitched {
-    pub(super) image: Pixels,
+    pub(super) image: Film,
     pub(super) done: Vec<Region>,
 }
 
@@ -48,33 +49,37 @@ struct Picture {
 }
 
 impl Picture {
-    fn put(&mut self, region: Region, pixels: &[u8], first: bool) {
-        self.paint(&region, pixels);
+    fn put(&mut self, region: Region, pixels: &[u8], first: bool) -> io::Result<()> {
+        self.paint(&region, pixels, first && self.taken.is_empty())?;
         let back = cut_out(&mut self.taken, &region);
         if first {
             self.done.push(region);
         } else {
             self.done.extend(back);
         }
+        Ok(())
     }
 
-    fn take(&mut self, region: Region) {
-        self.paint(&region, &vec![0; self.row_bytes(&region) * region.height() as usize]);
+    fn take(&mut self, region: Region) -> io::Result<()> {
+        self.paint(&region, &vec![0; self.row_bytes(&region) * region.height() as usize], false)?;
         self.taken.extend(cut_out(&mut self.done, &region));
+        Ok(())
     }
 
     fn view(&self) -> MutexGuard<'_, View> {
         self.view.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn paint(&mut self, region: &Region, pixels: &[u8]) {
+    /// `first`: there is nothing in its place.
+    fn paint(&mut self, region: &Region, pixels: &[u8], first: bool) -> io::Result<()> {
         let row_bytes = self.row_bytes(region);
         let mut view = self.view.lock().unwrap_or_else(PoisonError::into_inner);
         for (y, row) in (region.y0..region.y1).zip(pixels.chunks_exact(row_bytes)) {
             let at =
                 u64::from(y - self.whole.y0) * u64::from(self.whole.width()) + u64::from(region.x0 - self.whole.x0);
-            view.image.put(at as usize, row);
+            view.image.put(at, row, first)?;
         }
+        Ok(())
     }
 
     fn row_bytes(&self, region: &Region) -> usize {
@@ -90,40 +95,40 @@ impl Picture {
 /// When there is no thread to be had.
 pub(super) fn start(
     whole: Region,
-    format: PixelFormat,
+    (format, scratch): (PixelFormat, Scratch),
     journal: Option<File>,
     canvas: Canvas,
 ) -> io::Result<(mpsc::Sender<Stitch>, Stitcher)> {
     let (sender, mut tiles) = mpsc::channel::<Stitch>(WAITING);
     let (give, given) = oneshot::channel();
-    let mut stitch = move || {
-        let memory = || RenderError::Memory(whole.area());
-        let count = usize::try_from(whole.area()).map_err(|_| memory())?;
-        let image = Pixels::black(format, count).ok_or_else(memory)?;
+    let stitch = move || {
+        let image = Film::black(format, whole.area(), &scratch)?;
+        let folder = scratch.folder.unwrap_or_else(std::env::temp_dir);
+        let full = |e| RenderError::Scratch(folder.clone(), e);
         let view = Arc::new(Mutex::new(View::new(whole, image)));
         canvas.open(&view);
         let mut picture = Picture { whole, view, done: Vec::new(), taken: Vec::new() };
         while let Some(tiles) = tiles.blocking_recv() {
             match tiles {
                 Stitch::New { region, pixels, first, note } => {
-                    picture.put(region, &pixels, first);
+                    picture.put(region, &pixels, first).map_err(full)?;
                     if let Some(note) = note {
                         picture.view().note(note);
                     }
                 }
-                Stitch::Take(region) => picture.take(region),
+                Stitch::Take(region) => picture.take(region).map_err(full)?,
                 Stitch::Again(tiles) => {
                     let file = journal.as_ref().ok_or_else(|| RenderError::Internal("no journal".into()))?;
                     for Again { region, place, first } in tiles {
                         let pixels = journal::pixels(file, place).map_err(RenderError::Journal)?;
-                        picture.put(region, &pixels, first);
+                        picture.put(region, &pixels, first).map_err(full)?;
                     }
                 }
             }
         }
         canvas.close();
         // Whoever looks at it still sees nothing of it.
-        let image = std::mem::replace(&mut picture.view().image, Pixels::Rgb8(Vec::new()));
+        let image = std::mem::replace(&mut picture.view().image, Film::Memory(Pixels::Rgb8(Vec::new())));
         Ok(Stitched { image, done: picture.done })
     };
     // Nobody may be left to take it.
@@ -168,7 +173,7 @@ mod tests {
     #[tokio::test]
     async fn what_is_taken_back_is_not_done_until_it_is_put_again() {
         let whole = region(10, 10, 14, 12);
-        let (tiles, stitcher) = start(whole, PixelFormat::Rgb8, None, Canvas::default()).unwrap();
+        let (tiles, stitcher) = start(whole, (PixelFormat::Rgb8, Scratch::default()), None, Canvas::default()).unwrap();
         let put = |region: Region, first| Stitch::New {
             region,
             pixels: vec![9; 3 * region.area() as usize].into(),
@@ -186,7 +191,7 @@ mod tests {
         drop(tiles);
         let Stitched { image, done } = stitcher.await.unwrap().unwrap();
         assert_eq!(done.iter().map(Region::area).sum::<u64>(), 6);
-        let Pixels::Rgb8(pixels) = image else { panic!("not bytes") };
+        let Some(Pixels::Rgb8(pixels)) = image.into_pixels() else { panic!("not bytes") };
         let lit: Vec<bool> = pixels.iter().map(|p| p[0] == 9).collect();
         assert_eq!(lit, [true, true, false, true, true, true, false, true]);
     }

@@ -277,7 +277,7 @@ impl Writer {
     /// Until something is to be done without being told.
     fn wait(&self) -> Duration {
         let at = match &self.state {
-            State::Waiting(Some((at, _))) => Some(*at),
+            State::Waiting(Some((at, _))) => Some(*at).filter(|at| !self.held.is_empty() || Instant::now() < *at),
             State::Open(out) => out.sync_at,
             _ => None,
         };
@@ -302,10 +302,11 @@ impl Writer {
         self.pending.fetch_sub(bytes, Ordering::Relaxed);
     }
 
-    /// Begins the file when its time has come, or sooner where much waits for it.
+    /// Begins the file when its time has come and there is something to keep, or sooner where that is much.
     fn open_if_due(&mut self) {
         let State::Waiting(due) = &mut self.state else { return };
-        let Some((_, head)) = due.take_if(|(at, _)| Instant::now() >= *at || self.held_bytes > HELD) else { return };
+        let is_due = |at: Instant| !self.held.is_empty() && Instant::now() >= at;
+        let Some((_, head)) = due.take_if(|(at, _)| is_due(*at) || self.held_bytes > HELD) else { return };
         self.state = match create(&self.path) {
             Ok(file) => {
                 self.exists.store(true, Ordering::Release);

@@ -17,7 +17,7 @@ use super::reference::{Blend, Reference};
 use super::run::{MeasureError, Order, Stage};
 use super::sweep::{self, Costs, Step};
 use crate::plan::Goal;
-use crate::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource};
+use crate::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch};
 
 /// A render and its times.
 pub(super) struct Job {
@@ -55,6 +55,8 @@ impl Bench {
             pixels: PixelFormat::F32,
             workers: self.order.workers,
             threads: self.order.threads,
+            // What is measured is looked at whole.
+            scratch: Scratch { in_memory: u64::MAX, ..Scratch::default() },
             ..RenderJob::new(SceneSource::Prepared(Arc::clone(&self.order.scene)), settings)
         };
         let (tell, _progress) = watch::channel(Progress::default());
@@ -77,7 +79,7 @@ impl Bench {
         let file = self.room.path().join("picture.png");
         let (rendered, write) = blocking(move || -> std::io::Result<_> {
             let writing = Instant::now();
-            if let Pixels::F32(pixels) = &rendered.image {
+            if let Some(Pixels::F32(pixels)) = rendered.image.pixels() {
                 let output = Output::plan(&file, Depth::Eight, settings.transfer).map_err(std::io::Error::other)?;
                 let (width, height) = (settings.view.width(), settings.view.height());
                 output.write(width, height, PixelsRef::F32(pixels)).map_err(std::io::Error::other)?;
@@ -160,8 +162,8 @@ pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send 
 
 /// The pixels of a render whose pixels are floats.
 pub(super) fn pixels_of(rendered: Rendered) -> Vec<[f32; 3]> {
-    match rendered.image {
-        Pixels::F32(pixels) => pixels,
+    match rendered.image.into_pixels() {
+        Some(Pixels::F32(pixels)) => pixels,
         _ => Vec::new(),
     }
 }

@@ -117,8 +117,8 @@ impl Bench {
         }
         let (settings, goal) = knob.apply(&self.order.settings);
         let Some(first) = self.render(settings, goal).await? else { return Ok(self.nothing()) };
-        let hash = match &first.rendered.image {
-            Pixels::F32(pixels) => pixels_sha256(pixels),
+        let hash = match first.rendered.image.pixels() {
+            Some(Pixels::F32(pixels)) => pixels_sha256(pixels),
             _ => String::new(),
         };
         let name = knob.flags().join(" ");

@@ -6,7 +6,6 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
 use tessera_proto::control::{Job, Spec, State};
-use tessera_proto::convert::pixel_bytes;
 use tessera_proto::{JobNumber, SceneHash};
 use tokio::runtime::Handle;
 use tokio::sync::{oneshot, watch};
@@ -394,7 +393,7 @@ impl Engine {
     /// A picture is whole: it is on the disk before the job is said to be done.
     fn done(&mut self, id: u64, rendered: &Rendered, journal: &Journal) {
         let Some(mut job) = self.job(id) else { return };
-        let hash = match self.store.put_pixels(&pixel_bytes(&rendered.image)) {
+        let hash = match self.store.put_pixels(&rendered.image) {
             Ok(hash) => hash,
             Err(e) => {
                 let _ = journal.kept();

@@ -40,6 +40,7 @@ pub(super) fn load(store: &Store, id: u64, asked: &Asked) -> Result<Loaded, Stri
         }
     };
     let mut job = asked.job(scene, journal.clone());
+    job.scratch.folder = journal.path().parent().map(Into::into);
     if journal.goes_on()
         && let Err(why) = journal.check(&Head::of(&job))
     {

@@ -10,6 +10,8 @@ use sha2::{Digest, Sha256};
 use tessera_proto::SceneHash;
 use tessera_proto::control::Job;
 
+use crate::farm::Film;
+
 /// Jobs by their numbers.
 const JOBS: TableDefinition<'_, u64, &[u8]> = TableDefinition::new("jobs");
 /// The format of what is here, and the next job's number.
@@ -141,13 +143,19 @@ impl Store {
     }
 
     /// Keeps the pixels of a picture; they are on the disk afterwards. Gives their hash.
-    pub(super) fn put_pixels(&self, bytes: &[u8]) -> io::Result<[u8; 32]> {
-        let hash: [u8; 32] = Sha256::digest(bytes).into();
+    pub(super) fn put_pixels(&self, film: &Film) -> io::Result<[u8; 32]> {
+        let (mut sum, mut length) = (Sha256::new(), 0);
+        film.for_bytes(|bytes| {
+            sum.update(bytes);
+            length += bytes.len() as u64;
+            Ok(())
+        })?;
+        let hash: [u8; 32] = sum.finalize().into();
         let path = self.pixels(hash);
-        if fs::metadata(&path).is_ok_and(|m| m.len() == bytes.len() as u64) {
+        if fs::metadata(&path).is_ok_and(|m| m.len() == length) {
             return Ok(hash);
         }
-        write_whole(&path, |file| file.write_all(bytes))?;
+        write_whole(&path, |file| film.for_bytes(|bytes| file.write_all(bytes)))?;
         Ok(hash)
     }
 }

@@ -96,6 +96,8 @@ impl Dispatcher {
         self.door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&seat.session);
         seat.cut.cancel();
         self.roster.left(seat.id);
+        // What lies beneath is for whoever asks for it.
+        let (raw, cause) = (cause, if cause.starts_with(BROKE) { "connection lost" } else { cause });
         let mut lost = seat.lost;
         let numbers: Vec<JobNumber> = self.runs.keys().copied().collect();
         for number in numbers {
@@ -104,7 +106,7 @@ impl Dispatcher {
             }
             Box::pin(self.noted(number)).await;
         }
-        say_left(&seat, lost, cause);
+        say_left(&seat, lost, raw);
         if let Some(w) = self.figures.get_mut(seat.place) {
             (w.connected, w.holds, w.left) = (false, 0, Some(cause.into()));
         }

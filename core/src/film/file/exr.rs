@@ -9,21 +9,31 @@ use crate::film::image::Image as Linear;
 
 /// Linear RGB of 32-bit floats in one layer.
 pub(super) fn write(to: &mut impl Write, width: u32, height: u32, pixels: &[[f32; 3]]) -> io::Result<()> {
+    // The format's table of offsets comes first and is filled in last.
+    let mut bytes = Cursor::new(Vec::with_capacity(12 * pixels.len() + 4096));
+    write_pixels(&mut bytes, width, height, |x, y| pixels[y * width as usize + x])?;
+    to.write_all(bytes.get_ref())
+}
+
+/// As [`write`], of pixels that are asked for by column and row, rows from the top.
+pub(super) fn write_pixels(
+    to: &mut (impl Write + Seek),
+    width: u32,
+    height: u32,
+    pixel: impl Fn(usize, usize) -> [f32; 3] + Sync,
+) -> io::Result<()> {
     let size = (width as usize, height as usize);
     let pixel = |at: Vec2<usize>| {
-        let [r, g, b] = pixels[at.y() * size.0 + at.x()];
+        let [r, g, b] = pixel(at.x(), at.y());
         (r, g, b)
     };
     let encoding =
         Encoding { compression: Compression::RLE, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let layer = Layer::new(size, LayerAttributes::default(), encoding, SpecificChannels::rgb(pixel));
-    // The format's table of offsets comes first and is filled in last.
-    let mut bytes = Cursor::new(Vec::with_capacity(12 * pixels.len() + 4096));
-    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).map_err(|e| match e {
+    Image::from_layer(layer).write().non_parallel().to_buffered(to).map_err(|e| match e {
         Error::Io(e) => e,
         e => io::Error::other(e),
-    })?;
-    to.write_all(bytes.get_ref())
+    })
 }
 
 /// Whether no layer has colours but one has luminance. Where there is neither, says what there is.

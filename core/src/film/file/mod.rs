@@ -6,10 +6,12 @@ mod netpbm;
 mod output;
 mod png;
 mod read;
+mod rows;
 
 pub use atomic::remove_temporaries;
 pub use output::{Output, OutputError, Reserved, plan_text, write_text};
 pub use read::{ReadError, Stored, read};
+pub use rows::Rows;
 
 use std::path::Path;
 

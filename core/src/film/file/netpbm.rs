@@ -16,6 +16,11 @@ pub(super) fn write_ppm(to: &mut impl Write, width: u32, height: u32, depth: Dep
 /// A little-endian RGB float map: rows run from the bottom.
 pub(super) fn write_pfm(to: &mut impl Write, width: u32, height: u32, pixels: &[[f32; 3]]) -> io::Result<()> {
     write!(to, "PF\n{width} {height}\n-1.0\n")?;
+    write_floats(to, width, pixels)
+}
+
+/// Rows of a float map, the last one first.
+pub(super) fn write_floats(to: &mut impl Write, width: u32, pixels: &[[f32; 3]]) -> io::Result<()> {
     for row in pixels.rchunks_exact(width as usize) {
         let bytes: Vec<u8> = row.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
         to.write_all(&bytes)?;

@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::atomic::{Temporary, is_no_room};
-use super::{Depth, Kind, exr, netpbm, png};
+use super::{Depth, Kind, Rows, exr, netpbm, png, rows};
 use crate::film::encode;
 use crate::film::image::PixelsRef;
 use crate::settings::Transfer;
@@ -249,6 +249,30 @@ impl Output {
         durable: bool,
     ) -> Result<(), OutputError> {
         fill(room.0, &self.path, &self.target, |to| self.encode(width, height, pixels, to), durable)
+    }
+
+    /// As [`Self::write`], of pixels that are read a few rows at a time.
+    ///
+    /// # Errors
+    /// As [`Self::write`], or when the pixels cannot be read.
+    pub fn write_rows(&self, size: (u32, u32), pixels: &dyn Rows) -> Result<(), OutputError> {
+        let form = (self.kind, self.depth, self.transfer);
+        write_whole(&self.path, &self.target, |to| rows::write(to, size, form, pixels))
+    }
+
+    /// As [`Self::write_reserved`], of pixels that are read a few rows at a time.
+    ///
+    /// # Errors
+    /// As [`Self::write_rows`].
+    pub fn write_rows_reserved(
+        &self,
+        room: Reserved,
+        size: (u32, u32),
+        pixels: &dyn Rows,
+        durable: bool,
+    ) -> Result<(), OutputError> {
+        let form = (self.kind, self.depth, self.transfer);
+        fill(room.0, &self.path, &self.target, |to| rows::write(to, size, form, pixels), durable)
     }
 
     /// As [`Self::write`], but pixels that are not `present` are transparent where the file can say so.

@@ -2,7 +2,9 @@
 
 use std::io::{self, BufRead, Seek, Write};
 
-use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, ScaledFloat, SrgbRenderingIntent};
+use png::{
+    BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, ScaledFloat, SrgbRenderingIntent, Writer,
+};
 use png::{DecodingError, EncodingError, Transformations};
 
 use super::Depth;
@@ -18,10 +20,39 @@ pub(super) fn write(
     codes: &[u8],
     transfer: Transfer,
 ) -> io::Result<()> {
-    let wrap = |e| match e {
+    let mut writer = begin(to, (width, height), (depth, alpha), transfer)?;
+    writer.write_image_data(codes).map_err(wrap)?;
+    writer.finish().map_err(wrap)
+}
+
+/// As [`write`], of RGB codes that `codes` writes one after another.
+pub(super) fn write_rows<W: Write>(
+    to: &mut W,
+    size: (u32, u32),
+    depth: Depth,
+    transfer: Transfer,
+    codes: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut writer = begin(to, size, (depth, false), transfer)?;
+    let mut stream = writer.stream_writer_with_size(1 << 18).map_err(wrap)?;
+    codes(&mut stream)?;
+    stream.finish().map_err(wrap)?;
+    writer.finish().map_err(wrap)
+}
+
+fn wrap(e: EncodingError) -> io::Error {
+    match e {
         EncodingError::IoError(e) => e,
         e => io::Error::other(e),
-    };
+    }
+}
+
+fn begin<W: Write>(
+    to: W,
+    (width, height): (u32, u32),
+    (depth, alpha): (Depth, bool),
+    transfer: Transfer,
+) -> io::Result<Writer<W>> {
     let mut encoder = Encoder::new(to, width, height);
     encoder.set_color(if alpha { ColorType::Rgba } else { ColorType::Rgb });
     encoder.set_depth(if depth == Depth::Eight { BitDepth::Eight } else { BitDepth::Sixteen });
@@ -31,9 +62,7 @@ pub(super) fn write(
         Transfer::Srgb => encoder.set_source_srgb(SrgbRenderingIntent::Perceptual),
         Transfer::Linear => encoder.set_source_gamma(ScaledFloat::from_scaled(100_000)),
     }
-    let mut writer = encoder.write_header().map_err(wrap)?;
-    writer.write_image_data(codes).map_err(wrap)?;
-    writer.finish().map_err(wrap)
+    encoder.write_header().map_err(wrap)
 }
 
 /// Reads any PNG; grey becomes three equal components, alpha is left out.

@@ -50,6 +50,39 @@ fn codes_return_from_their_files() {
     }
 }
 
+/// Gives a picture that is in memory a few rows at a time.
+struct InMemory(Vec<[f32; 3]>);
+
+impl Rows for InMemory {
+    fn rows(
+        &self,
+        width: u32,
+        rows: std::ops::Range<u32>,
+        take: &mut dyn FnMut(PixelsRef<'_>) -> std::io::Result<()>,
+    ) -> std::io::Result<()> {
+        take(PixelsRef::F32(&self.0[(rows.start * width) as usize..(rows.end * width) as usize]))
+    }
+}
+
+#[test]
+fn rows_that_are_written_bit_by_bit_make_the_same_picture() {
+    let folder = folder();
+    // Three bands.
+    let (width, height) = (10_007, 211);
+    let linear = pixels(width, height);
+    let source = InMemory(linear.clone());
+    for name in ["a.png", "a.ppm", "a.pfm", "a.exr"] {
+        for depth in [Depth::Eight, Depth::Sixteen] {
+            let [whole, rows] = ["whole-", "rows-"].map(|kind| folder.path().join(format!("{kind}{name}")));
+            let plan = |path: &Path| Output::plan(path, depth, Transfer::Srgb).unwrap();
+            plan(&whole).write(width, height, PixelsRef::F32(&linear)).unwrap();
+            plan(&rows).write_rows((width, height), &source).unwrap();
+            let [whole, rows] = [whole, rows].map(|path| read(&path).unwrap());
+            assert!(whole.image == rows.image && whole.transfer == rows.transfer, "{name} {depth:?}");
+        }
+    }
+}
+
 #[test]
 fn floats_return_bit_for_bit() {
     let folder = folder();

@@ -93,7 +93,9 @@ impl Scene {
         cluster.job.threads = self.threads;
         cluster.job.goal = goal;
         let rendered = cluster.render_unhurried()?;
-        let coordinator::Pixels::F32(pixels) = rendered.image else { return Err("not floats".into()) };
+        let Some(coordinator::Pixels::F32(pixels)) = rendered.image.into_pixels() else {
+            return Err("not floats".into());
+        };
         Ok(Picture {
             pixels,
             rays: rendered.rays.camera + rendered.rays.mirror + rendered.rays.shadow,
