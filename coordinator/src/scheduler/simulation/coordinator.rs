@@ -1,11 +1,19 @@
 //! The coordinator's side: what the farm's driver does.
 
+use std::time::Duration;
+
+use tessera_core::film::Region;
 use tessera_proto::LeaseId;
 
-use super::super::{Effect, End, Event, MAX_DEPTH, MAX_REVOKED, WorkerKey};
+use super::super::{Effect, End, Event, MAX_DEPTH, MAX_REVOKED, Scheduler, WorkerKey};
 use super::session::{Down, Up};
 use super::world::{What, World};
 use crate::farm::verify::Verify;
+use crate::job::TileSize;
+use crate::journal::rest;
+
+/// What came within this time may not be on the disk.
+const UNSYNCED: Duration = Duration::from_secs(1);
 
 impl World {
     pub(super) fn coordinator_hears(&mut self, session: usize, said: Up) {
@@ -144,6 +152,7 @@ impl World {
         }
         self.passes_left -= 1;
         self.picture.clear();
+        self.kept.clear();
         let dearer = 0.5 + self.rng.f64();
         self.scheduler.begin(None, None, dearer);
         self.tell(Event::Tick);
@@ -157,6 +166,31 @@ impl World {
         if let Some((said, _, arrives)) = s.down.send(said, bytes, self.now, &mut self.rng) {
             self.at(arrives, What::ToWorker { session, said });
         }
+    }
+
+    /// The process ends: all connections with it, and what came last. Another one goes on from what is on the disk.
+    pub(super) fn crash(&mut self, time: Duration) {
+        for session in 0..self.sessions.len() {
+            self.answer(session, Down::Closed, 20);
+            let s = &mut self.sessions[session];
+            (s.closed_there, s.key) = (true, None);
+            s.owed.clear();
+        }
+        self.seats.clear();
+        self.stalled_until = self.stalled_until.max(self.now + time);
+        let synced = self.now.saturating_sub(UNSYNCED);
+        for (_, region) in self.kept.extract_if(.., |(at, _)| *at > synced).collect::<Vec<_>>() {
+            self.picture.take(&region);
+        }
+        let done: Vec<Region> = self.kept.iter().map(|(_, region)| *region).collect();
+        let edge = match self.scheduler.config.tile {
+            TileSize::Edge(edge) => edge,
+            TileSize::Auto => TileSize::MAX_EDGE,
+        };
+        let left = rest(&self.picture.region().blocks(edge), &done).expect("tiles of the picture, each once");
+        self.scheduler = Scheduler::new(self.scheduler.config.clone());
+        self.scheduler.begin_first(None, Some(left));
+        self.scheduler.deserted_since = Some(self.stalled_until);
     }
 
     /// No lease is forgotten by one side alone, and nothing grows.

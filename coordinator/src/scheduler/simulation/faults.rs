@@ -31,6 +31,8 @@ pub(super) enum Fault {
     Lie { worker: usize, lie: Lie },
     /// The coordinator's process stands still.
     Stall { time: Duration },
+    /// The coordinator is killed and comes back after a while, with what is on the disk of what it had.
+    Crash { time: Duration },
     /// Somebody registers, takes a lease and leaves, several times in a row.
     Strangers { count: usize },
 }
@@ -65,7 +67,7 @@ fn seconds(s: f64) -> Duration {
 fn one(rng: &mut fastrand::Rng, workers: usize, verified: bool) -> Fault {
     let worker = rng.usize(0..workers);
     let time = seconds(0.1 + 8.0 * rng.f64() * rng.f64());
-    match rng.u32(0..16) {
+    match rng.u32(0..if verified { 16 } else { 18 }) {
         0..2 => {
             let again = (rng.u32(0..3) > 0).then(|| seconds(0.2 + 3.0 * rng.f64()));
             Fault::Kill { workers: vec![worker], again }
@@ -86,7 +88,8 @@ fn one(rng: &mut fastrand::Rng, workers: usize, verified: bool) -> Fault {
             Fault::Lie { worker, lie }
         }
         14 => Fault::Stall { time },
-        _ => Fault::Strangers { count: rng.usize(1..6) },
+        15 => Fault::Strangers { count: rng.usize(1..6) },
+        _ => Fault::Crash { time },
     }
 }
 
@@ -129,6 +132,7 @@ impl World {
                 }
             }
             Fault::Stall { time } => self.stalled_until = self.stalled_until.max(self.now + time),
+            Fault::Crash { time } => self.crash(time),
             Fault::Strangers { count } => self.stranger(count),
         }
     }

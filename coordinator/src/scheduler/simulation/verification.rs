@@ -29,6 +29,7 @@ pub(super) fn id_of(instance: InstanceId) -> WorkerId {
 impl World {
     pub(super) fn accepted(&mut self, worker: WorkerKey, region: Region) {
         self.picture.put(&region, self.lies);
+        self.kept.push((self.now, region));
         if self.verify.is_on() {
             let maker = self.sessions[self.seats[&worker]].id;
             let made = Made { region, maker, error: ErrorEstimate::default(), verified: false };

@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
 use std::time::Duration;
 
+use tessera_core::film::Region;
 use tessera_proto::identity::WorkerId;
 use tessera_proto::{InstanceId, JobNumber, LeaseId};
 
@@ -56,6 +57,8 @@ pub(super) struct World {
     /// Passes in all, and yet to come.
     pub(super) passes: u32,
     pub(super) passes_left: u32,
+    /// Tiles of the pass at hand, and when they came.
+    pub(super) kept: Vec<(Duration, Region)>,
     /// Who renders what a second time, and which checks nobody was given yet.
     pub(super) verify: Verify,
     pub(super) unassigned: VecDeque<u64>,
@@ -110,6 +113,7 @@ impl World {
             bytes_per_pixel,
             passes: 1 + passes_left,
             passes_left,
+            kept: Vec::new(),
             verify: Verify::new(share, [seed as u8; 32], JobNumber(0)),
             unassigned: VecDeque::new(),
             thrown_out: 0,

@@ -1,6 +1,6 @@
 //! Pictures that are written a few rows at a time, so that their pixels need not be in memory.
 
-use std::io::{self, Seek, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -73,9 +73,40 @@ pub(super) fn write(
                 }
                 pixels[(y - rows.start) as usize * width as usize + x]
             };
-            exr::write_pixels(to, width, height, pixel)?;
+            let begin = to.stream_position()?;
+            let mut to = Furthest { to, at: begin, end: begin };
+            exr::write_pixels(&mut to, width, height, pixel)?;
+            to.seek(SeekFrom::Start(to.end))?;
             held.into_inner().unwrap_or_else(PoisonError::into_inner).2.map_or(Ok(()), Err)
         }
+    }
+}
+
+/// Remembers the end of what was written: what is filled in last stands further up, and behind the end there may be
+/// room that was reserved.
+struct Furthest<W> {
+    to: W,
+    at: u64,
+    end: u64,
+}
+
+impl<W: Write> Write for Furthest<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.to.write(bytes)?;
+        self.at += written as u64;
+        self.end = self.end.max(self.at);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
+    }
+}
+
+impl<W: Seek> Seek for Furthest<W> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.at = self.to.seek(to)?;
+        Ok(self.at)
     }
 }
 

@@ -77,6 +77,10 @@ fn rows_that_are_written_bit_by_bit_make_the_same_picture() {
             let plan = |path: &Path| Output::plan(path, depth, Transfer::Srgb).unwrap();
             plan(&whole).write(width, height, PixelsRef::F32(&linear)).unwrap();
             plan(&rows).write_rows((width, height), &source).unwrap();
+            let reserved = plan(&folder.path().join(format!("reserved-{name}")));
+            let room = reserved.reserve(width, height).unwrap();
+            reserved.write_rows_reserved(room, (width, height), &source, false).unwrap();
+            assert!(std::fs::read(reserved.path()).unwrap() == std::fs::read(&rows).unwrap(), "{name} {depth:?}");
             let [whole, rows] = [whole, rows].map(|path| read(&path).unwrap());
             assert!(whole.image == rows.image && whole.transfer == rows.transfer, "{name} {depth:?}");
         }
