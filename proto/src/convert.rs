@@ -113,9 +113,11 @@ impl TryFrom<wire::Register> for Registration {
         if r.name.len() > MAX_NAME_BYTES {
             return Err(Malformed::Range("the length of the name"));
         }
+        // What is shown in place of what cannot be may be longer.
         let name = printable(&r.name);
+        let name = cut(&name, MAX_NAME_BYTES);
         Ok(Self {
-            name: if name.is_empty() { "worker".into() } else { name },
+            name: if name.is_empty() { "worker".into() } else { name.into() },
             threads: r.threads,
             id: WorkerId(r.key.try_into().map_err(|_| Malformed::Range("the worker's key"))?),
             proof: r.proof,

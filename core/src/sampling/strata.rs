@@ -141,7 +141,8 @@ pub(crate) fn parts(shapes: &Shapes, index: u32, (x, y): (f64, f64)) -> Vec<Poly
     for (_, shape) in shapes.iter().filter(|(pixels, _)| pixels >> index & 1 == 1) {
         match shape {
             Shape::Edge(e) => {
-                let length = e.b.hypot(e.c);
+                // The system's own differs with what its processor can.
+                let length = libm::hypot(e.b, e.c);
                 let unit = f64::from(UNIT);
                 // Distances in pixels, of places in the pixel.
                 let line = [(e.a + e.b * (x - HALF) + e.c * (y - HALF)) / (length * unit), e.b / length, e.c / length];
@@ -195,7 +196,7 @@ pub(crate) fn parts(shapes: &Shapes, index: u32, (x, y): (f64, f64)) -> Vec<Poly
 /// An octagon around a ball's outline, as far as it lies in the pixel.
 fn oval(middle: [f64; 2], p: [f64; 2], q: [f64; 2], (x, y): (f64, f64), alone: bool) -> Polygon {
     let unit = f64::from(UNIT);
-    let long = 1.0 / (std::f64::consts::PI / 8.0).cos() * (1.0 + 1e-9);
+    let long = 1.0 / libm::cos(std::f64::consts::PI / 8.0) * (1.0 + 1e-9);
     let corners: Vec<Place> = (0..8)
         .map(|k| {
             // Eighths of a turn, without sines that differ between platforms.
