@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use super::coordinate::{Coordinate, Quad};
 use super::split::{Item, Run, cut};
 use super::wide::{Child, Node, WIDTH, Wide};
-use crate::simd::Level;
 
 /// The most items of a leaf.
 const MAX_LEAF: usize = 8;
@@ -54,13 +53,9 @@ struct Task<T: Coordinate> {
 impl<'a> Builder<'a> {
     /// For `count` items; see the fields. Tags from `first` on are of kind 0.
     pub(crate) fn new(first: u32, count: usize, hidden: &'a (dyn Fn(u32, u32) -> bool + Sync)) -> Self {
-        // Wider registers make tests cheaper, but not the wait for a node's memory, which is longer
-        // where nodes are many.
-        let step = match Level::best() {
-            Level::Avx512 if count > MANY => 4.5,
-            Level::Avx512 => 3.5,
-            _ => 1.5,
-        };
+        // Tests are cheap in wide registers; the wait for a node's memory is longer where nodes are many. The same
+        // for any processor: what is sampled depends on which boxes a beam meets, and so on the hierarchy.
+        let step = if count > MANY { 4.5 } else { 3.5 };
         Self { first, hidden, step }
     }
 
