@@ -89,6 +89,17 @@ pub enum Transfer {
     Linear,
 }
 
+impl Transfer {
+    /// Its name, as flags and reports have it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Srgb => "srgb",
+            Self::Linear => "linear",
+        }
+    }
+}
+
 /// Which points of a pixel's square are sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sampling {

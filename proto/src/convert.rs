@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use bytes::Bytes;
-use tessera_core::film::{ErrorEstimate, Region, Sum};
+use tessera_core::film::{ErrorEstimate, PixelsRef, Region, Sum};
 use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, SettingsError, Tolerance, Transfer, View};
 use tessera_core::trace::RayCounts;
 
@@ -13,7 +13,7 @@ use crate::limits::{
     BUILD, MAX_CAUSE_BYTES, MAX_NAME_BYTES, MAX_SCENE_BYTES, MAX_THREADS, MAX_TILE_PIXELS, NUMERIC_MODE, PROTOCOL, cut,
 };
 use crate::packed::unpack;
-use crate::pixels::{PixelFormat, Pixels};
+use crate::pixels::PixelFormat;
 use crate::token::Secret;
 use crate::wire;
 
@@ -452,11 +452,11 @@ impl From<TileDone> for wire::TileDone {
 
 /// Pixels as bytes of their format.
 #[must_use]
-pub fn pixel_bytes(pixels: &Pixels) -> Bytes {
-    match pixels {
-        Pixels::Rgb8(p) => Bytes::copy_from_slice(p.as_flattened()),
-        Pixels::Rgb16(p) => p.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>().into(),
-        Pixels::F32(p) => p.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>().into(),
+pub fn pixel_bytes<'a>(pixels: impl Into<PixelsRef<'a>>) -> Bytes {
+    match pixels.into() {
+        PixelsRef::Rgb8(p) => Bytes::copy_from_slice(p.as_flattened()),
+        PixelsRef::Rgb16(p) => p.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>().into(),
+        PixelsRef::F32(p) => p.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>().into(),
     }
 }
 

@@ -8,6 +8,7 @@ pub mod convert;
 pub mod credential;
 pub mod identity;
 mod ids;
+mod layers;
 pub mod limits;
 pub mod packed;
 mod pixels;
@@ -16,6 +17,7 @@ pub mod scene;
 pub mod token;
 
 pub use ids::{Attempt, InstanceId, JobNumber, LeaseId, PassNumber, SceneHash, SessionId};
+pub use layers::layers_at;
 pub use pixels::{PixelFormat, Pixels};
 
 /// What is generated from `farm.proto`, documented there.

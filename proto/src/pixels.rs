@@ -1,5 +1,7 @@
 //! Pixels as they travel: in the form the output needs, and no wider.
 
+use tessera_core::film::PixelsRef;
+
 /// What a pixel's three components are sent as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
@@ -35,6 +37,16 @@ pub enum Pixels {
     Rgb16(Vec<[u16; 3]>),
     /// See [`PixelFormat::F32`].
     F32(Vec<[f32; 3]>),
+}
+
+impl<'a> From<&'a Pixels> for PixelsRef<'a> {
+    fn from(pixels: &'a Pixels) -> Self {
+        match pixels {
+            Pixels::Rgb8(p) => Self::Rgb8(p),
+            Pixels::Rgb16(p) => Self::Rgb16(p),
+            Pixels::F32(p) => Self::F32(p),
+        }
+    }
 }
 
 impl Pixels {

@@ -129,20 +129,16 @@ fn scenes() -> Vec<(String, Scene)> {
     scenes
 }
 
-/// Renders every case, or those whose way to render has one of the words of `TESSERA_GOLDEN_WAYS` in it, where that is
-/// set (an emulator takes its time); gives the hash of each.
+/// Renders every case; gives the hash of each.
 ///
 /// # Panics
 /// When a scene of the repository is not there or not valid.
 #[must_use]
 pub fn hashes() -> BTreeMap<String, String> {
     let mut hashes = BTreeMap::new();
-    let only = std::env::var("TESSERA_GOLDEN_WAYS").ok();
-    let ways =
-        || WAYS.iter().filter(|way| only.as_ref().is_none_or(|only| only.split(',').any(|o| way.name.contains(o))));
     for (name, scene) in scenes() {
         let prepared = Arc::new(PreparedScene::build(Arc::new(scene)));
-        for way in ways() {
+        for way in &WAYS {
             let (width, height, zoom, plane_height) = way.view;
             let view = View::new(width, height, zoom, plane_height).expect("a view in range");
             let settings = Settings { view, max_depth: way.max_depth, sampling: way.sampling, transfer: way.transfer };
@@ -195,13 +191,6 @@ impl Record {
         let mode = lines.next().unwrap_or_default().trim_start_matches("mode: ").to_owned();
         let hash = |line: &str| line.split_once("  ").map(|(hash, case)| (case.to_owned(), hash.to_owned()));
         Self { mode, hashes: lines.filter_map(hash).collect() }
-    }
-
-    /// Of its cases those that `other` has, too.
-    #[must_use]
-    pub fn among(mut self, other: &Self) -> Self {
-        self.hashes.retain(|case, _| other.hashes.contains_key(case));
-        self
     }
 
     /// As the file holds it.

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 
+use coordinator::{Pixels, Rendered};
 use tessera_core::film::{ErrorEstimate, Region, Tile};
 use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
@@ -30,6 +31,21 @@ impl TileTracer for Painted {
         let row = |y| (region.x0..region.x1).map(move |x| paint(x, y));
         let pixels = (region.y0..region.y1).flat_map(row).collect();
         (Tile { region, pixels, error: ErrorEstimate::default() }, RayCounts::default())
+    }
+}
+
+/// Holds a whole picture against what [`Painted`] paints.
+///
+/// # Panics
+/// When a pixel is missing or another's, or they are not floats in memory.
+pub fn assert_painted(rendered: &Rendered) {
+    assert!(rendered.is_complete());
+    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
+    let Region { x0, y0, .. } = rendered.region;
+    let width = rendered.region.width();
+    for (i, pixel) in pixels.iter().enumerate() {
+        let (x, y) = (x0 + i as u32 % width, y0 + i as u32 / width);
+        assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");
     }
 }
 

@@ -132,6 +132,9 @@ fn progress_is_what_was_asked_for() {
     let events: Vec<Value> = lines.err.lines().map(json).collect();
     let [.., last, done] = &events[..] else { panic!("two lines at least: {}", lines.err) };
     assert_eq!((&last["event"], last["share"].as_f64()), (&"progress".into(), Some(1.0)));
+    // At the end all of the last pass is done, and nothing was taken back.
+    assert!(last["pixels_done"] == last["pixels_total"] && last["tiles_done"].as_u64() > Some(0), "{last}");
+    assert!(events.iter().all(|e| e["event"] != "redone"), "{}", lines.err);
     assert_eq!((&done["event"], &done["output"]), (&"done".into(), &"demo.png".into()));
     // Nothing that only a terminal understands.
     for kind in ["auto", "plain", "bar", "json"] {

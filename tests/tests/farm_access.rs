@@ -8,13 +8,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use coordinator::access::{Access, Pki, State, TokenFrom};
-use coordinator::{Farm, ListenAddr, Pixels, Rendered};
+use coordinator::{Farm, ListenAddr};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair, date_time_ymd};
 use tessera_proto::token::{Secret, Token};
 use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::generate;
 use tessera_tests::hostile::{BEAT, GREET, Raw, WORK, bearer};
-use tessera_tests::studio::{Gate, Painted, paint};
+use tessera_tests::studio::{Gate, Painted, assert_painted};
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
@@ -26,14 +26,6 @@ const UNAUTHENTICATED: Option<i32> = Some(16);
 fn painted() -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(WIDTH, 48).tile(16);
     cluster.studio(Painted).workers(0, 1)
-}
-
-fn is_painted(rendered: &Rendered) {
-    assert!(rendered.is_complete());
-    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
-    for (i, pixel) in pixels.iter().enumerate() {
-        assert_eq!(*pixel, paint(i as u32 % WIDTH, i as u32 / WIDTH));
-    }
 }
 
 /// A farm behind `access`, at work.
@@ -89,7 +81,7 @@ async fn whoever_has_the_token_renders_and_so_do_workers_of_the_same_process() {
     running.until(|p| p.workers.len() == 2 && p.workers.iter().all(|w| w.holds > 0)).await;
     gate.open();
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.strangers, 0);
     assert_eq!(worker.await.unwrap().unwrap(), Left::Finished);
 }
@@ -143,7 +135,7 @@ async fn without_the_token_nobody_gets_in_or_learns_anything_with_tls_or_without
     assert!(running.progress.borrow().workers.is_empty());
     comes(running.addr, by_token(&access.token().unwrap())).await.unwrap();
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.strangers, calls + 2, "they are counted");
 }
 
@@ -163,7 +155,7 @@ async fn a_renewed_token_counts_at_once_and_whoever_is_in_stays_in() {
     let late = tokio::spawn(async move { comes(addr, by_token(&new)).await });
     running.until(|p| p.workers.len() == 2).await;
     gate.open();
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
     inside.await.unwrap().unwrap();
     late.await.unwrap().unwrap();
 }
@@ -177,7 +169,7 @@ async fn another_farm_at_the_address_is_told_nothing() {
     assert!(running.progress.borrow().workers.is_empty());
     comes(running.addr, by_token(&others.token().unwrap())).await.unwrap();
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.strangers, 0, "no secret was sent at all");
 }
 
@@ -235,7 +227,7 @@ async fn wrong_tokens_without_end_do_not_keep_others_out() {
     gate.open();
     let rendered = running.end().await.unwrap();
     attackers.iter().for_each(tokio::task::JoinHandle::abort);
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.workers[0].lost, 0);
     assert!(rendered.strangers > 0);
     worker.await.unwrap().unwrap();
@@ -334,10 +326,10 @@ async fn with_certificates_of_an_authority_of_ones_own_workers_need_no_token() {
     let [his_cert, his_key, his_ca] = others.writes(folder.path(), "his", "127.0.0.1", 2100);
     keeps_out(running.addr, with(&ca, Some((&his_cert, &his_key)))).await;
     keeps_out(running.addr, with(&his_ca, Some((&cert, &key)))).await;
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
     let running = guarded(painted(), &access).await;
     comes(running.addr, with(&ca, Some((&cert, &key)))).await.unwrap();
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -357,7 +349,7 @@ async fn a_certificate_that_expired_or_is_anothers_lets_no_coordinator_pass_for_
             let refused = comes(running.addr, by_authority).await.unwrap_err().to_string();
             assert!(refused.contains("a token is asked for"), "{refused}");
             comes(running.addr, by_token(&token)).await.unwrap();
-            is_painted(&running.end().await.unwrap());
+            assert_painted(&running.end().await.unwrap());
         } else {
             keeps_out(running.addr, by_authority).await;
             keeps_out(running.addr, by_token(&token)).await;
@@ -375,5 +367,5 @@ async fn a_beat_or_fetch_without_the_token_is_refused_like_all_else() {
         assert_eq!(raw.call(path, &[], &[0; 5], true).await.unwrap().status, UNAUTHENTICATED);
     }
     comes(running.addr, by_token(&access.token().unwrap())).await.unwrap();
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use coordinator::{Farm, ListenAddr, Pixels, RenderError, Rendered, SceneSource};
+use coordinator::{Farm, ListenAddr, Pixels, RenderError, SceneSource};
 use tessera_core::film::Region;
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_proto::wire::coordinator_message::Kind as Hear;
@@ -15,7 +15,7 @@ use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::fake::{self, Fake};
 use tessera_tests::generate;
 use tessera_tests::proxy::{Proxy, Weather};
-use tessera_tests::studio::{Failure, Gate, Painted, Poisoned, paint};
+use tessera_tests::studio::{Failure, Gate, Painted, Poisoned, assert_painted, paint};
 use tokio_util::sync::CancellationToken;
 use tonic::Code;
 use worker::{Backoff, Config, Left};
@@ -27,15 +27,6 @@ const WIDTH: u32 = 64;
 fn painted() -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(WIDTH, 48).tile(16).nervous();
     cluster.studio(Painted).workers(0, 1)
-}
-
-fn is_painted(rendered: &Rendered) {
-    assert!(rendered.is_complete());
-    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
-    for (i, pixel) in pixels.iter().enumerate() {
-        let (x, y) = (i as u32 % WIDTH, i as u32 / WIDTH);
-        assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");
-    }
 }
 
 /// A worker like those from elsewhere: it fetches the scene, and paints.
@@ -73,7 +64,7 @@ async fn a_forged_answer_ends_the_session_and_costs_nothing() {
     assert_eq!(again.code(), Code::PermissionDenied);
     comes(&running, Painted);
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert!(rendered.workers[0].left.as_ref().unwrap().contains("does not hold"), "{:?}", rendered.workers[0]);
     assert_eq!((rendered.workers[0].tiles, rendered.workers[0].lost), (0, 2));
 }
@@ -87,7 +78,7 @@ async fn a_wrong_attempt_is_a_forgery() {
     forger.say(fake::done(&lease, fake::float_bytes(&lease))).await;
     assert_eq!(forger.cut_off().await.code(), Code::InvalidArgument);
     comes(&running, Painted);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -129,7 +120,7 @@ async fn tiles_of_a_wrong_size_or_without_numbers_are_not_taken() {
         liar.say(answer).await;
         assert_eq!(liar.cut_off().await.code(), Code::InvalidArgument, "case {case}");
         comes(&running, Painted);
-        is_painted(&running.end().await.unwrap());
+        assert_painted(&running.end().await.unwrap());
     }
 }
 
@@ -142,7 +133,7 @@ async fn a_message_over_the_limit_ends_the_session() {
     let status = loud.cut_off().await;
     assert!(matches!(status.code(), Code::OutOfRange | Code::Cancelled | Code::Unknown | Code::Internal), "{status}");
     comes(&running, Painted);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -162,7 +153,7 @@ async fn floods_of_small_words_end_the_session() {
         }
         assert_eq!(flood.cut_off().await.code(), Code::InvalidArgument, "case {n}");
         comes(&running, Painted);
-        is_painted(&running.end().await.unwrap());
+        assert_painted(&running.end().await.unwrap());
     }
 }
 
@@ -191,7 +182,7 @@ async fn whoever_does_not_fit_is_refused_with_the_reason() {
         assert_eq!(status.code(), Code::InvalidArgument);
     }
     comes(&running, Painted);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -208,7 +199,7 @@ async fn calls_without_a_session_are_refused() {
     assert_eq!(status.code(), Code::NotFound, "another scene");
     drop(fake);
     comes(&running, Painted);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -232,7 +223,7 @@ async fn a_late_result_is_dropped_and_its_worker_kept() {
     }
     gate.open();
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.workers[0].tiles, 0);
     loop {
         match late.hear().await.unwrap() {
@@ -253,7 +244,7 @@ async fn a_silent_worker_loses_its_tiles_and_its_session() {
     assert_eq!(silent.cut_off().await.code(), Code::DeadlineExceeded);
     comes(&running, Painted);
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.workers[0].lost, 2);
 }
 
@@ -268,7 +259,7 @@ async fn a_worker_on_a_slow_tile_is_not_taken_for_dead() {
     assert!(running.worker(0).connected);
     gate.open();
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.workers[0].lost, 0);
 }
 
@@ -292,7 +283,7 @@ async fn a_cut_connection_is_restored_and_the_scene_is_not_fetched_again() {
     running.until(|p| p.workers[0].connected).await;
     gate.open();
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.workers.len(), 1, "it is the same worker");
     assert!(proxy.bytes_down() < scene_bytes * 3 / 2, "{} bytes for a scene of {scene_bytes}", proxy.bytes_down());
 }
@@ -306,7 +297,7 @@ async fn two_workers_of_one_name_both_work() {
     running.until(|p| p.workers.len() == 2 && p.workers.iter().all(|w| w.holds > 0)).await;
     assert_ne!(running.worker(0).name, running.worker(1).name);
     gate.open();
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -319,7 +310,7 @@ async fn a_worker_that_dials_again_takes_the_place_of_its_old_session() {
     assert_eq!(running.progress.borrow().workers.len(), 1);
     drop((old, new));
     comes(&running, Painted);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -390,7 +381,7 @@ async fn workers_may_come_before_there_is_anything_to_render() {
     let mut running = painted().studio(gate.clone()).workers(1, 1).start_on(farm);
     running.until(|p| p.workers.iter().filter(|w| w.connected).count() == 2).await;
     gate.open();
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
     assert_eq!(tokio::time::timeout(Duration::from_secs(60), early).await.unwrap().unwrap(), Left::Finished);
 }
 
@@ -414,14 +405,14 @@ async fn connections_that_say_nothing_are_in_nobodys_way() {
         silent.push(tokio::net::TcpStream::connect(running.addr).await.unwrap());
     }
     comes(&running, Painted);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
 async fn a_worker_leaves_when_there_is_no_more_work() {
     let running = painted().start().await;
     let worker = comes(&running, Painted);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
     let left = tokio::time::timeout(Duration::from_secs(60), worker).await.unwrap().unwrap();
     assert_eq!(left, Left::Finished);
 }

@@ -5,16 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use coordinator::Pixels;
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
-use tessera_tests::studio::{Painted, paint};
+use tessera_tests::studio::{Painted, assert_painted};
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 use tokio_util::sync::CancellationToken;
 use worker::Config;
-
-const WIDTH: u32 = 64;
 
 /// A frame of HTTP/2 (RFC 9113, 4.1).
 fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8> {
@@ -127,7 +124,7 @@ async fn floods_of_frames_keep_nobody_from_rendering() {
         ("frames that are too long", too_long),
     ];
     for (name, kind) in attacks {
-        let cluster = Cluster::of(generate::demo().scene().unwrap()).size(WIDTH, 48).tile(16);
+        let cluster = Cluster::of(generate::demo().scene().unwrap()).size(64, 48).tile(16);
         let running = cluster.studio(Painted).workers(0, 1).start().await;
         let (sent, closed) = (Arc::<AtomicU64>::default(), Arc::<AtomicU64>::default());
         let attackers: Vec<_> =
@@ -146,10 +143,7 @@ async fn floods_of_frames_keep_nobody_from_rendering() {
             ..Config::new(running.addr.into())
         };
         tokio::spawn(worker::run(config, CancellationToken::new()));
-        let rendered = running.end().await.unwrap();
-        let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
-        let wanted = (0..WIDTH * 48).map(|i| paint(i % WIDTH, i / WIDTH));
-        assert!(rendered.is_complete() && wanted.eq(pixels.iter().copied()), "{name}");
+        assert_painted(&running.end().await.expect(name));
         attackers.iter().for_each(tokio::task::JoinHandle::abort);
         let (sent, closed) = (sent.load(Ordering::Relaxed), closed.load(Ordering::Relaxed));
         println!("{name}: {sent} pieces sent, {closed} connections closed");

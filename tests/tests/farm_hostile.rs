@@ -7,14 +7,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use coordinator::{Pixels, RenderError, Rendered};
+use coordinator::RenderError;
 use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_proto::wire::{RayCounts, Register};
 use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::fake::{self, Fake};
 use tessera_tests::generate;
 use tessera_tests::hostile::{BEAT, Raw};
-use tessera_tests::studio::{Painted, paint};
+use tessera_tests::studio::{Painted, assert_painted};
 use tokio::io::AsyncWriteExt;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinHandle;
@@ -27,14 +27,6 @@ const WIDTH: u32 = 64;
 fn painted() -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(WIDTH, 48).tile(16);
     cluster.studio(Painted).workers(0, 1)
-}
-
-fn is_painted(rendered: &Rendered) {
-    assert!(rendered.is_complete());
-    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
-    for (i, pixel) in pixels.iter().enumerate() {
-        assert_eq!(*pixel, paint(i as u32 % WIDTH, i as u32 / WIDTH));
-    }
 }
 
 fn config(addr: SocketAddr, name: &str) -> Config {
@@ -62,7 +54,7 @@ async fn connections_that_send_one_byte_or_half_a_preface_keep_nobody_out() {
         held.push(stream);
     }
     comes(&running);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -77,7 +69,7 @@ async fn a_connection_that_never_registers_is_closed() {
     };
     tokio::time::timeout(Duration::from_secs(60), closed).await.expect("it stays open");
     comes(&running);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -95,7 +87,7 @@ async fn requests_that_are_long_or_never_end_are_not_waited_for() {
         assert!(answer.is_err() || answer.unwrap().status == Some(Code::DeadlineExceeded as i32));
     }
     comes(&running);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -130,7 +122,7 @@ async fn whoever_broke_the_rules_is_shut_out_by_key_whatever_name_it_takes() {
     assert_eq!(again.code(), Code::PermissionDenied);
     assert!(again.metadata().contains_key("tessera-refused"), "for good");
     comes(&running);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -150,7 +142,7 @@ async fn light_and_rays_that_no_scene_has_are_not_taken() {
         liar.say(Say::TileDone(done)).await;
         assert_eq!(liar.cut_off().await.code(), Code::InvalidArgument, "{case}");
         comes(&running);
-        is_painted(&running.end().await.unwrap());
+        assert_painted(&running.end().await.unwrap());
     }
 }
 
@@ -219,7 +211,7 @@ async fn a_scene_larger_than_a_worker_allows_is_not_taken_and_the_reason_is_told
     stop.cancel();
     work.await.unwrap().unwrap();
     comes(&running);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -240,6 +232,6 @@ async fn a_worker_told_to_leave_does_not_wait_for_a_tile_without_end() {
     running.until(|p| !p.workers[0].connected).await;
     assert_eq!(running.worker(0).lost, 0, "it gave its tiles back");
     comes(&running);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
     gate.open();
 }

@@ -8,14 +8,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use coordinator::journal::{Journal, Partial};
-use coordinator::{Pixels, RenderError, Rendered, TileSize};
+use coordinator::{RenderError, TileSize};
 use tessera_core::film::{Region, Tile};
 use tessera_core::settings::Settings;
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
 use tessera_tests::journal::Contents;
-use tessera_tests::studio::{Gate, Painted, paint};
+use tessera_tests::studio::{Gate, Painted, assert_painted};
 use worker::{Studio, TileTracer};
 
 const WHOLE: Region = Region { x0: 5, y0: 9, x1: 405, y1: 309 };
@@ -25,15 +25,6 @@ fn painted() -> Cluster {
     let mut cluster = Cluster::of(generate::demo().scene().unwrap()).size(500, 400).studio(Painted);
     cluster.job.region = WHOLE;
     cluster
-}
-
-fn is_painted(rendered: &Rendered) {
-    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
-    assert!(rendered.is_complete());
-    for (i, pixel) in pixels.iter().enumerate() {
-        let (x, y) = (WHOLE.x0 + i as u32 % WHOLE.width(), WHOLE.y0 + i as u32 / WHOLE.width());
-        assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");
-    }
 }
 
 /// Counts the pixels that [`Painted`] is asked for.
@@ -101,7 +92,7 @@ async fn what_is_kept_is_not_rendered_again_whatever_else_changes() {
         let journal = journal(&path);
         cluster.job.journal = Some(journal.clone());
         let rendered = cluster.start().await.end().await.unwrap();
-        is_painted(&rendered);
+        assert_painted(&rendered);
         // At the end, idle workers render what others have not delivered yet: one alone never does.
         let traced = counted.0.load(Ordering::Relaxed);
         let again = (traced + kept).checked_sub(WHOLE.area()).expect("all of it is rendered");
@@ -120,7 +111,7 @@ async fn a_whole_journal_needs_no_worker() {
     let mut cluster = painted();
     cluster.job.journal = Some(journal(&path));
     let rendered = cluster.start().await.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     // The picture could not be written, say.
     let mut cluster = painted().workers(0, 1);
     cluster.job.journal = Some(loop {
@@ -132,7 +123,7 @@ async fn a_whole_journal_needs_no_worker() {
         }
     });
     let again = cluster.start().await.end().await.unwrap();
-    is_painted(&again);
+    assert_painted(&again);
     assert_eq!(again.earlier.tiles, rendered.tiles);
 }
 
@@ -158,7 +149,7 @@ fn a_picture_is_finished_though_all_blocking_threads_are_taken() {
             });
         }
         gate.open();
-        is_painted(&running.end().await.unwrap());
+        assert_painted(&running.end().await.unwrap());
     });
     drop(release);
 }

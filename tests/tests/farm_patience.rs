@@ -5,27 +5,17 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use coordinator::{Pixels, Rendered};
 use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::fake::{self, Fake};
 use tessera_tests::generate;
 use tessera_tests::proxy::Proxy;
-use tessera_tests::studio::{Gate, Painted, paint};
+use tessera_tests::studio::{Gate, Painted, assert_painted};
 use tokio_util::sync::CancellationToken;
 use worker::{Backoff, Config, Left};
 
 fn painted(width: u32, height: u32, tile: u32) -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(width, height).tile(tile).nervous();
     cluster.studio(Painted).workers(0, 1)
-}
-
-fn is_painted(rendered: &Rendered, width: u32) {
-    assert!(rendered.is_complete());
-    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
-    for (i, pixel) in pixels.iter().enumerate() {
-        let (x, y) = (i as u32 % width, i as u32 / width);
-        assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");
-    }
 }
 
 fn config(addr: std::net::SocketAddr, studio: impl worker::Studio + 'static, name: &str) -> Config {
@@ -55,7 +45,7 @@ async fn workers_whose_threads_stand_still_do_not_hang_the_job() {
         running.until(|p| p.workers.iter().map(|w| w.holds).sum::<usize>() >= (2 * frozen).min(12)).await;
         comes(&running, Painted, "well");
         let rendered = running.end().await.unwrap();
-        is_painted(&rendered, 64);
+        assert_painted(&rendered);
         assert!(rendered.workers[..frozen].iter().all(|w| w.tiles == 0), "{:?}", rendered.workers);
         gate.open();
     }
@@ -71,7 +61,7 @@ async fn clocks_run_on_while_nothing_is_delivered() {
     running.until(|p| p.elapsed > then + Duration::from_millis(500)).await;
     assert_eq!(running.progress.borrow().tiles_done, 1);
     gate.open();
-    is_painted(&running.end().await.unwrap(), 64);
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -87,7 +77,7 @@ async fn strangers_that_take_leases_and_leave_do_not_end_the_job() {
     }
     running.until(|p| p.workers[1..].len() == 5 && p.workers[1..].iter().all(|w| !w.connected)).await;
     gate.open();
-    is_painted(&running.end().await.unwrap(), 64);
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -107,7 +97,7 @@ async fn all_holders_of_the_last_tile_vanish_together_and_others_come() {
         running.until(|p| p.workers.iter().all(|w| !w.connected)).await;
     }
     comes(&running, Painted, "well");
-    is_painted(&running.end().await.unwrap(), 16);
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -119,7 +109,7 @@ async fn a_result_on_a_slow_line_takes_longer_than_a_worker_may_be_silent() {
     let config = config(line.addr, Painted, "far");
     tokio::spawn(async move { worker::run(config, CancellationToken::new()).await });
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered, 256);
+    assert_painted(&rendered);
     assert_eq!((rendered.workers.len(), rendered.workers[0].lost), (1, 0), "{:?}", rendered.workers);
 }
 
@@ -138,7 +128,7 @@ async fn a_worker_leaves_when_its_life_is_over_and_gives_back_what_it_holds() {
     running.until(|p| !p.workers[0].connected).await;
     assert_eq!(running.worker(0).lost, 0);
     comes(&running, Painted, "next");
-    is_painted(&running.end().await.unwrap(), 64);
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use coordinator::{ListenAddr, PixelFormat, Pixels, RenderError, Rendered};
+use coordinator::{ListenAddr, PixelFormat, Pixels, RenderError};
 use rustix::process::Signal;
 use tessera_core::settings::Sampling;
 use tessera_core::trace::{PreparedScene, Tracer};
@@ -14,7 +14,7 @@ use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::generate;
 use tessera_tests::process::Process;
 use tessera_tests::program;
-use tessera_tests::studio::{Gate, Painted, paint};
+use tessera_tests::studio::{Gate, Painted, assert_painted};
 use tokio_util::sync::CancellationToken;
 use worker::Config;
 
@@ -44,15 +44,6 @@ fn painter(running: &Running) {
     tokio::spawn(async move { worker::run(config, CancellationToken::new()).await.unwrap() });
 }
 
-fn is_painted(rendered: &Rendered) {
-    assert!(rendered.is_complete());
-    let Some(Pixels::F32(pixels)) = rendered.image.pixels() else { panic!("not floats") };
-    for (i, pixel) in pixels.iter().enumerate() {
-        let (x, y) = (i as u32 % WIDTH, i as u32 / WIDTH);
-        assert_eq!(*pixel, paint(x, y), "pixel {x},{y}");
-    }
-}
-
 #[tokio::test]
 async fn a_worker_killed_mid_render_does_not_cost_the_picture() {
     let mut running = endless().start().await;
@@ -62,7 +53,7 @@ async fn a_worker_killed_mid_render_does_not_cost_the_picture() {
     running.until(|p| !p.workers[0].connected).await;
     painter(&running);
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!((rendered.workers[0].name.as_str(), rendered.workers[0].tiles), ("victim", 0));
     assert!(rendered.workers[0].lost > 0);
 }
@@ -94,7 +85,7 @@ async fn all_workers_killed_ends_the_render_or_others_come() {
         running.until(|p| p.workers.iter().all(|w| !w.connected)).await;
         if others_come {
             painter(&running);
-            is_painted(&running.end().await.unwrap());
+            assert_painted(&running.end().await.unwrap());
         } else {
             let unfinished = running.end().await.unwrap_err();
             assert!(matches!(unfinished.error, RenderError::NoWorkers { ever: true, .. }), "{unfinished}");
@@ -116,7 +107,7 @@ async fn a_stopped_process_is_noticed_and_comes_back_when_it_goes_on() {
     running.until(|p| p.workers[0].connected).await;
     painter(&running);
     let rendered = running.end().await.unwrap();
-    is_painted(&rendered);
+    assert_painted(&rendered);
     assert_eq!(rendered.workers[0].tiles, 0);
 }
 
@@ -127,7 +118,7 @@ async fn a_stopped_process_does_not_hold_the_end_up() {
     running.until(|p| p.workers.first().is_some_and(|w| w.holds > 0)).await;
     frozen.signal(Signal::STOP);
     painter(&running);
-    is_painted(&running.end().await.unwrap());
+    assert_painted(&running.end().await.unwrap());
 }
 
 #[tokio::test]
@@ -178,6 +169,25 @@ async fn a_worker_outlives_its_coordinator_and_serves_the_next() {
     running.until(|p| !p.workers.is_empty()).await;
     assert_eq!(running.end().await.unwrap().image, first.image);
     steady.says("the scene is here already");
+}
+
+#[test]
+fn a_worker_says_in_the_farm_s_words_that_a_web_server_is_no_farm() {
+    use std::io::{Read, Write};
+    let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let addr = server.local_addr().unwrap().to_string();
+    std::thread::spawn(move || {
+        for mut stream in server.incoming().flatten() {
+            let _ = stream.read(&mut [0; 1024]);
+            let _ = stream.write_all(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
+        }
+    });
+    let (status, said) = Process::start("worker", &["--connect", &addr, "--give-up-after", "1s"]).end();
+    assert_eq!(status.code(), Some(1), "{said}");
+    assert!(said.contains("no coordinator"), "{said}");
+    for word in ["h2", "http2", "transport", "frame"] {
+        assert!(!said.contains(word), "'{word}' is in: {said}");
+    }
 }
 
 #[test]

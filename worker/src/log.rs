@@ -2,16 +2,17 @@
 
 use std::io::{IsTerminal, Write, stderr};
 
+use tessera_proto::layers_at;
 use tracing_subscriber::EnvFilter;
 
 /// Starts logging; `RUST_LOG` overrides `verbose`.
 pub(crate) fn start(verbose: u8) {
     // Other people's layers speak for themselves only where everything is asked for.
     let level = match verbose {
-        0 => "warn,worker=info,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
-        1 => "info,worker=debug,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
-        2 => "debug,worker=trace,h2=warn,hyper=warn,hyper_util=warn,tonic=warn,tower=warn",
-        _ => "trace",
+        0 => format!("warn,worker=info,{}", layers_at("error")),
+        1 => format!("info,worker=debug,{}", layers_at("error")),
+        2 => format!("debug,worker=trace,{}", layers_at("warn")),
+        _ => "trace".into(),
     };
     let filter = match std::env::var("RUST_LOG") {
         Ok(spec) if !spec.is_empty() => EnvFilter::new(spec),

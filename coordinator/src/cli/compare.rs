@@ -12,7 +12,6 @@ use super::args::Compare;
 use super::console::Console;
 use super::exit::{Exit, Failure};
 use super::files::Files;
-use super::report::transfer_name;
 
 /// Compares the pictures and says by how much they differ.
 pub(crate) fn run(raw: &Compare, console: &Console) -> Result<Exit, Failure> {
@@ -101,7 +100,7 @@ impl Comparison {
         Self {
             a: raw.a.display().to_string(),
             b: raw.b.display().to_string(),
-            transfer: transfer_name(transfer),
+            transfer: transfer.name(),
             rmse: m.rmse_steps(),
             rmse_fraction: m.rmse,
             psnr: m.psnr.is_finite().then_some(m.psnr),

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use console::Term;
 use indicatif::{MultiProgress, ProgressDrawTarget, TermLike};
+use tessera_proto::layers_at;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -48,10 +49,10 @@ impl Console {
     pub(crate) fn log(&self, verbosity: u8) {
         // Who comes and goes is said always; other people's layers speak for themselves only at the loudest.
         let default = match verbosity {
-            0 => "warn,farm=info,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
-            1 => "info,h2=error,hyper=error,hyper_util=error,tonic=error,tower=error,rustls=error",
-            2 => "debug,h2=warn,hyper=warn,hyper_util=warn,tonic=warn,tower=warn",
-            _ => "trace",
+            0 => format!("warn,farm=info,{}", layers_at("error")),
+            1 => format!("info,{}", layers_at("error")),
+            2 => format!("debug,{}", layers_at("warn")),
+            _ => "trace".into(),
         };
         let filter = match std::env::var("RUST_LOG") {
             Ok(spec) if !spec.is_empty() => EnvFilter::new(spec),

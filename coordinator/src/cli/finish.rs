@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use coordinator::journal::Journal;
-use coordinator::{PixelFormat, Pixels, Rendered};
+use coordinator::{PixelFormat, Rendered};
 use tessera_core::film::file::{Output, OutputError, Reserved, write_text};
-use tessera_core::film::{PixelsRef, pixels_sha256};
 use tracing::info;
 
 use super::console::Console;
@@ -35,16 +34,15 @@ impl Rest<'_> {
         // Where a journal makes up for a crash, the picture must be there before the journal goes.
         let durable = self.journal.is_some_and(|j| j.path().exists());
         let write = || {
-            let written = match pixels(rendered) {
-                Some(pixels) => output.write_reserved(room, size, pixels, durable),
+            let written = match rendered.image.pixels() {
+                Some(pixels) => output.write_reserved(room, size, pixels.into(), durable),
                 None => output.write_rows_reserved(room, size, &rendered.image, durable),
             };
             (written, writing.elapsed())
         };
         // The report's hash takes about as long as the picture's file.
-        let hash = || match (&self.options.report, pixels(rendered)) {
-            (Some(_), Some(PixelsRef::F32(pixels))) => Some(pixels_sha256(pixels)),
-            (Some(_), None) if rendered.image.format() == PixelFormat::F32 => rendered.image.sha256().ok(),
+        let hash = || match (&self.options.report, rendered.image.format()) {
+            (Some(_), PixelFormat::F32) => rendered.image.sha256().ok(),
             _ => None,
         };
         let ((written, took), pixels_sha256) = rayon::join(write, hash);
@@ -68,11 +66,16 @@ impl Rest<'_> {
         Ok(())
     }
 
-    /// The report cannot be written, as `e` says; the picture can.
+    /// What was rendered is kept there, too.
+    fn kept(&self) -> Option<&Path> {
+        self.journal.and_then(Journal::kept).filter(|path| path.exists())
+    }
+
+    /// The report cannot be written, as `e` says; the picture could.
     fn unreported(&self, output: &Output, e: &OutputError) -> Failure {
-        let mut said = format!("{e}; the picture is whole in '{}'", output.path().display());
-        if self.journal.and_then(Journal::kept).is_some_and(|path| path.exists()) {
-            said += "; the same command writes the report once there is a place for it";
+        let mut said = format!("{e}; the picture is in '{}'", output.path().display());
+        if self.kept().is_some() {
+            said += "; the same command goes on to the report once there is a place for it";
         }
         Failure::new(Exit::Failed, said)
     }
@@ -80,7 +83,7 @@ impl Rest<'_> {
     /// The picture cannot be written where it should, as `e` says: it goes to another place if there is one.
     fn elsewhere(&self, output: &Output, rendered: &Rendered, e: &OutputError) -> Failure {
         let mut said = e.to_string();
-        let kept = self.journal.and_then(Journal::kept).filter(|path| path.exists());
+        let kept = self.kept();
         match somewhere(output, rendered) {
             Some(place) => said += &format!("; the picture is in '{}' instead", place.display()),
             None => said += "; no other place takes it either",
@@ -93,15 +96,6 @@ impl Rest<'_> {
         }
         Failure::new(Exit::Failed, said)
     }
-}
-
-/// The pixels as files take them, where they are in memory.
-fn pixels(rendered: &Rendered) -> Option<PixelsRef<'_>> {
-    Some(match rendered.image.pixels()? {
-        Pixels::Rgb8(p) => PixelsRef::Rgb8(p),
-        Pixels::Rgb16(p) => PixelsRef::Rgb16(p),
-        Pixels::F32(p) => PixelsRef::F32(p),
-    })
 }
 
 /// Writes the picture into the first folder that takes it, under a name that nothing bears there; gives its path.

@@ -53,11 +53,7 @@ pub(super) fn write(
         fill(&mut partial, missing);
     }
     let (width, height) = (partial.region.width(), partial.region.height());
-    let pixels = match &partial.image {
-        Pixels::Rgb8(p) => PixelsRef::Rgb8(p),
-        Pixels::Rgb16(p) => PixelsRef::Rgb16(p),
-        Pixels::F32(p) => PixelsRef::F32(p),
-    };
+    let pixels = PixelsRef::from(&partial.image);
     let whole = partial.present.iter().all(|&p| p);
     let written = match missing {
         Some(_) => output.write(width, height, pixels),

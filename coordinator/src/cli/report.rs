@@ -5,7 +5,7 @@ use std::time::Duration;
 use coordinator::{Rendered, TileSize, WorkerStats};
 use serde::Serialize;
 use tessera_core::film::Region;
-use tessera_core::settings::{Detail, Sampling, Transfer};
+use tessera_core::settings::{Detail, Sampling};
 use tessera_core::trace::RayCounts;
 use tessera_proto::limits::{BUILD, NUMERIC_MODE};
 
@@ -211,14 +211,6 @@ impl<'a> Worker<'a> {
     }
 }
 
-/// The word for `transfer`, as flags spell it.
-pub(crate) fn transfer_name(transfer: Transfer) -> &'static str {
-    match transfer {
-        Transfer::Srgb => "srgb",
-        Transfer::Linear => "linear",
-    }
-}
-
 impl<'a> Report<'a> {
     /// The report of `rendered`, written to `output`. The hash is `None` where no floats were asked for.
     pub(crate) fn new(
@@ -269,7 +261,7 @@ impl<'a> Report<'a> {
                     Sampling::Scrambled { samples } => Some(samples),
                     Sampling::Adaptive => None,
                 },
-                transfer: transfer_name(options.settings.transfer),
+                transfer: options.settings.transfer.name(),
                 bits: options.output.depth().map(|d| d.bits()),
                 tile: match options.tile {
                     TileSize::Auto => None,

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tessera_core::film::Region;
 use tessera_proto::Pixels;
 
-use super::film::Film;
+use super::film::{Film, OnDisk};
 
 /// Tiles of which is remembered who rendered them: whoever has not seen older ones looks at the picture as a whole.
 const REMEMBERED: usize = 16_384;
@@ -95,13 +95,13 @@ impl Canvas {
         let view = view.lock().unwrap_or_else(PoisonError::into_inner);
         match &view.image {
             Film::Memory(pixels) => look(pixels, &view.whole, region, (width, height)),
-            film @ Film::Disk(_) => look_up(film, &view.whole, region, (width, height)),
+            Film::Disk(disk) => look_up(disk, &view.whole, region, (width, height)),
         }
     }
 }
 
 /// As [`look`], of a picture that is not in memory: row by row.
-fn look_up(film: &Film, whole: &Region, region: &Region, (width, height): (u32, u32)) -> Option<Seen> {
+fn look_up(disk: &OnDisk, whole: &Region, region: &Region, (width, height): (u32, u32)) -> Option<Seen> {
     if !whole.contains(region) || width == 0 || height == 0 {
         return None;
     }
@@ -110,7 +110,7 @@ fn look_up(film: &Film, whole: &Region, region: &Region, (width, height): (u32, 
         let y = middle(y, height, region.y0, region.height());
         let row = Region { y0: y, y1: y + 1, ..*region };
         let at = u64::from(y - whole.y0) * u64::from(whole.width()) + u64::from(region.x0 - whole.x0);
-        let pixels = film.get(at..at + u64::from(region.width())).ok()?;
+        let pixels = disk.read(at..at + u64::from(region.width())).ok()?;
         match look(&pixels, &row, &row, (width, 1))? {
             Seen::Codes(row) => codes.extend(row),
             Seen::Linear(row) => linear.extend(row),

@@ -4,19 +4,20 @@
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use sha2::{Digest, Sha256};
 use tessera_core::film::PixelsRef;
 use tessera_core::film::file::Rows;
+use tessera_proto::convert::pixel_bytes;
 use tessera_proto::{PixelFormat, Pixels};
 
 use crate::job::RenderError;
 
 /// Bytes of pixels that are kept in memory, at most: a picture of 16,384 x 10,922 in 8 bits.
 const IN_MEMORY: u64 = 512 << 20;
-/// Bytes that are read or written at a time.
+/// Bytes that are read, or pixels that are given, at a time.
 const CHUNK: usize = 1 << 20;
 
 /// Where the pixels of large pictures go while they are made.
@@ -26,6 +27,17 @@ pub struct Scratch {
     pub folder: Option<PathBuf>,
     /// Bytes of pixels up to which there is no such file.
     pub in_memory: u64,
+}
+
+impl Scratch {
+    /// The folder, as the system has it.
+    fn folder(&self) -> PathBuf {
+        match &self.folder {
+            Some(folder) if folder.as_os_str().is_empty() => ".".into(),
+            Some(folder) => folder.clone(),
+            None => std::env::temp_dir(),
+        }
+    }
 }
 
 impl Default for Scratch {
@@ -47,6 +59,7 @@ pub enum Film {
 #[derive(Debug)]
 pub struct OnDisk {
     file: Mutex<File>,
+    folder: PathBuf,
     format: PixelFormat,
     len: u64,
 }
@@ -64,15 +77,16 @@ impl Film {
             let pixels = count.and_then(|count| Pixels::black(format, count));
             return pixels.map(Self::Memory).ok_or(RenderError::Memory(len));
         }
-        let folder = scratch.folder.clone().unwrap_or_else(std::env::temp_dir);
-        let made = || {
-            let file = tempfile::tempfile_in(if folder.as_os_str().is_empty() { Path::new(".") } else { &folder })?;
+        let folder = scratch.folder();
+        let made = tempfile::tempfile_in(&folder).and_then(|file| {
             // A hole, which reads as zeros and takes no room before it is written to.
             file.set_len(bytes)?;
             Ok(file)
-        };
-        let file = Mutex::new(made().map_err(|e| RenderError::Scratch(folder.clone(), e))?);
-        Ok(Self::Disk(OnDisk { file, format, len }))
+        });
+        match made {
+            Ok(file) => Ok(Self::Disk(OnDisk { file: Mutex::new(file), folder, format, len })),
+            Err(e) => Err(RenderError::Scratch(folder, e)),
+        }
     }
 
     /// Their format.
@@ -105,36 +119,18 @@ impl Film {
     /// Overwrites pixels from index `at` on with `bytes` of their own format; `first`: they were black before.
     ///
     /// # Errors
-    /// When the disk does not take them.
+    /// [`RenderError::Scratch`] where the disk does not take them.
     ///
     /// # Panics
     /// When the bytes reach beyond the end.
-    pub(crate) fn put(&mut self, at: u64, bytes: &[u8], first: bool) -> io::Result<()> {
+    pub(crate) fn put(&mut self, at: u64, bytes: &[u8], first: bool) -> Result<(), RenderError> {
         match self {
             Self::Memory(pixels) => pixels.put(at as usize, bytes),
             // Black stays a hole.
             Self::Disk(_) if first && bytes.iter().all(|b| *b == 0) => {}
-            Self::Disk(disk) => disk.write(at, bytes)?,
+            Self::Disk(disk) => disk.write(at, bytes).map_err(|e| RenderError::Scratch(disk.folder.clone(), e))?,
         }
         Ok(())
-    }
-
-    /// The pixels of `range`.
-    ///
-    /// # Errors
-    /// When the disk does not give them, or there are no such pixels.
-    pub(crate) fn get(&self, range: Range<u64>) -> io::Result<Pixels> {
-        match self {
-            Self::Memory(pixels) => {
-                let range = range.start as usize..range.end as usize;
-                Ok(match pixels {
-                    Pixels::Rgb8(p) => Pixels::Rgb8(p.get(range).ok_or_else(beyond)?.to_vec()),
-                    Pixels::Rgb16(p) => Pixels::Rgb16(p.get(range).ok_or_else(beyond)?.to_vec()),
-                    Pixels::F32(p) => Pixels::F32(p.get(range).ok_or_else(beyond)?.to_vec()),
-                })
-            }
-            Self::Disk(disk) => disk.read(range),
-        }
     }
 
     /// Gives all pixels as little-endian bytes, piece by piece.
@@ -143,7 +139,13 @@ impl Film {
     /// When the disk does not give them, or `take` fails.
     pub(crate) fn for_bytes(&self, mut take: impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         match self {
-            Self::Memory(pixels) => take(&tessera_proto::convert::pixel_bytes(pixels)),
+            Self::Memory(pixels) => {
+                let pixels = PixelsRef::from(pixels);
+                (0..pixels.len()).step_by(CHUNK).try_for_each(|at| {
+                    let piece = pixels.get(at..pixels.len().min(at + CHUNK)).ok_or_else(beyond)?;
+                    take(&pixel_bytes(piece))
+                })
+            }
             Self::Disk(disk) => {
                 let mut file = disk.file();
                 file.seek(SeekFrom::Start(0))?;
@@ -195,21 +197,13 @@ impl Rows for Film {
         take: &mut dyn FnMut(PixelsRef<'_>) -> io::Result<()>,
     ) -> io::Result<()> {
         let at = |row: u32| u64::from(row) * u64::from(width);
-        let (start, end) = (at(rows.start), at(rows.end));
+        let range = at(rows.start)..at(rows.end);
         match self {
             Self::Memory(pixels) => {
-                let range = start as usize..end as usize;
-                take(match pixels {
-                    Pixels::Rgb8(p) => PixelsRef::Rgb8(p.get(range).ok_or_else(beyond)?),
-                    Pixels::Rgb16(p) => PixelsRef::Rgb16(p.get(range).ok_or_else(beyond)?),
-                    Pixels::F32(p) => PixelsRef::F32(p.get(range).ok_or_else(beyond)?),
-                })
+                let range = range.start as usize..range.end as usize;
+                take(PixelsRef::from(pixels).get(range).ok_or_else(beyond)?)
             }
-            Self::Disk(disk) => match &disk.read(start..end)? {
-                Pixels::Rgb8(p) => take(PixelsRef::Rgb8(p)),
-                Pixels::Rgb16(p) => take(PixelsRef::Rgb16(p)),
-                Pixels::F32(p) => take(PixelsRef::F32(p)),
-            },
+            Self::Disk(disk) => take(PixelsRef::from(&disk.read(range)?)),
         }
     }
 }
@@ -231,7 +225,11 @@ impl OnDisk {
         file.write_all(bytes)
     }
 
-    fn read(&self, range: Range<u64>) -> io::Result<Pixels> {
+    /// The pixels of `range`.
+    ///
+    /// # Errors
+    /// When the disk does not give them, or there are no such pixels.
+    pub(crate) fn read(&self, range: Range<u64>) -> io::Result<Pixels> {
         let count = range.end.checked_sub(range.start).filter(|_| range.end <= self.len).ok_or_else(beyond)?;
         let mut pixels = Pixels::black(self.format, count as usize).ok_or(io::ErrorKind::OutOfMemory)?;
         let mut bytes = vec![0; count as usize * self.format.bytes_per_pixel()];
@@ -266,9 +264,17 @@ mod tests {
             }
             let [memory, disk] = &films;
             assert!(memory == disk && memory.sha256().unwrap() == disk.sha256().unwrap());
-            assert_eq!(memory.get(2..10).unwrap(), disk.get(2..10).unwrap());
+            let seen = |film: &Film, rows| {
+                let mut seen = Vec::new();
+                film.rows(2, rows, &mut |pixels| {
+                    seen.push(format!("{pixels:?}"));
+                    Ok(())
+                })?;
+                io::Result::Ok(seen)
+            };
+            assert_eq!(seen(memory, 1..5).unwrap(), seen(disk, 1..5).unwrap());
+            assert!(seen(memory, 5..7).is_err() && seen(disk, 5..7).is_err());
             assert_eq!(std::fs::read_dir(at.path()).unwrap().count(), 0, "it has a name");
-            assert!(disk.get(10..13).is_err() && memory.get(10..13).is_err());
         }
     }
 }

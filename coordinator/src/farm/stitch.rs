@@ -49,7 +49,7 @@ struct Picture {
 }
 
 impl Picture {
-    fn put(&mut self, region: Region, pixels: &[u8], first: bool) -> io::Result<()> {
+    fn put(&mut self, region: Region, pixels: &[u8], first: bool) -> Result<(), RenderError> {
         self.paint(&region, pixels, first && self.taken.is_empty())?;
         let back = cut_out(&mut self.taken, &region);
         if first {
@@ -60,7 +60,7 @@ impl Picture {
         Ok(())
     }
 
-    fn take(&mut self, region: Region) -> io::Result<()> {
+    fn take(&mut self, region: Region) -> Result<(), RenderError> {
         self.paint(&region, &vec![0; self.row_bytes(&region) * region.height() as usize], false)?;
         self.taken.extend(cut_out(&mut self.done, &region));
         Ok(())
@@ -71,7 +71,7 @@ impl Picture {
     }
 
     /// `first`: there is nothing in its place.
-    fn paint(&mut self, region: &Region, pixels: &[u8], first: bool) -> io::Result<()> {
+    fn paint(&mut self, region: &Region, pixels: &[u8], first: bool) -> Result<(), RenderError> {
         let row_bytes = self.row_bytes(region);
         let mut view = self.view.lock().unwrap_or_else(PoisonError::into_inner);
         for (y, row) in (region.y0..region.y1).zip(pixels.chunks_exact(row_bytes)) {
@@ -101,27 +101,25 @@ pub(super) fn start(
 ) -> io::Result<(mpsc::Sender<Stitch>, Stitcher)> {
     let (sender, mut tiles) = mpsc::channel::<Stitch>(WAITING);
     let (give, given) = oneshot::channel();
-    let stitch = move || {
+    let mut stitch = move || {
         let image = Film::black(format, whole.area(), &scratch)?;
-        let folder = scratch.folder.unwrap_or_else(std::env::temp_dir);
-        let full = |e| RenderError::Scratch(folder.clone(), e);
         let view = Arc::new(Mutex::new(View::new(whole, image)));
         canvas.open(&view);
         let mut picture = Picture { whole, view, done: Vec::new(), taken: Vec::new() };
         while let Some(tiles) = tiles.blocking_recv() {
             match tiles {
                 Stitch::New { region, pixels, first, note } => {
-                    picture.put(region, &pixels, first).map_err(full)?;
+                    picture.put(region, &pixels, first)?;
                     if let Some(note) = note {
                         picture.view().note(note);
                     }
                 }
-                Stitch::Take(region) => picture.take(region).map_err(full)?,
+                Stitch::Take(region) => picture.take(region)?,
                 Stitch::Again(tiles) => {
                     let file = journal.as_ref().ok_or_else(|| RenderError::Internal("no journal".into()))?;
                     for Again { region, place, first } in tiles {
                         let pixels = journal::pixels(file, place).map_err(RenderError::Journal)?;
-                        picture.put(region, &pixels, first).map_err(full)?;
+                        picture.put(region, &pixels, first)?;
                     }
                 }
             }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tessera_core::film::Region;
 use tessera_core::scene::Scene;
-use tessera_core::settings::{Sampling, Settings, Transfer};
+use tessera_core::settings::{Sampling, Settings};
 use tessera_proto::convert::Malformed;
 use tessera_proto::limits::{BUILD, NUMERIC_MODE};
 use tessera_proto::scene::describe_parts;
@@ -64,8 +64,7 @@ impl Head {
         differ("--zoom", there.view.zoom().to_string(), here.view.zoom().to_string());
         differ("--plane-height", there.view.plane_height().to_string(), here.view.plane_height().to_string());
         differ("--max-depth", there.max_depth.to_string(), here.max_depth.to_string());
-        let transfer = |s: &Settings| if s.transfer == Transfer::Srgb { "srgb" } else { "linear" }.to_owned();
-        differ("--transfer", transfer(there), transfer(here));
+        differ("--transfer", there.transfer.name().into(), here.transfer.name().into());
         let region = |r: &Region| format!("{},{},{},{}", r.x0, r.y0, r.x1, r.y1);
         differ("--region", region(&self.region), region(&now.region));
         differ("the accuracy", accuracy(there, self.goal), accuracy(here, now.goal));

@@ -119,6 +119,16 @@ fn what_was_kept_is_found_and_gone_on_with() {
 }
 
 #[test]
+fn a_render_of_which_nothing_is_done_leaves_nothing_however_long_it_lasts() {
+    let (_at, path) = path();
+    let journal = Journal::open(&path, false).unwrap().after(Duration::ZERO);
+    let (sink, _) = journal.start(|| panic!("nobody asks for it"));
+    drop(sink);
+    assert_eq!(journal.kept(), None);
+    assert!(!path.exists());
+}
+
+#[test]
 fn a_short_render_leaves_nothing() {
     let (_at, path) = path();
     let journal = Journal::open(&path, false).unwrap();
@@ -303,7 +313,11 @@ fn another_picture_is_refused_and_what_differs_is_named() {
         (of(&|s| s.view = view(64, 48, 2.0, 1.0)), "--zoom (1 there, 2 now)"),
         (of(&|s| s.view = view(64, 48, 1.0, 2.0)), "--plane-height"),
         (of(&|s| s.max_depth = 7), "--max-depth (6 there, 7 now)"),
-        (of(&|s| s.transfer = Transfer::Linear), "--transfer"),
+        (of(&|s| s.transfer = Transfer::Linear), "--transfer (srgb there, linear now)"),
+        (
+            of(&|s| s.sampling = Sampling::Scrambled { samples: 4 }),
+            "the accuracy (--samples 4 there, --samples 4 --pattern scrambled now)",
+        ),
         (of(&|s| s.sampling = Sampling::Uniform { grid: 3 }), "the accuracy (--samples 4 there, --samples 9 now)"),
         (Head::new(&one, settings(), WHOLE, PixelFormat::F32, Goal::AsSet), "the depth of pixels (8 bits there"),
         (

@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use serde::Serialize;
-use tessera_core::settings::{Quality, Transfer};
+use tessera_core::settings::Quality;
 
 use super::point::{Measured, Point};
 use super::reference::Source;
@@ -172,10 +172,7 @@ impl Measured {
                 zoom: view.zoom(),
                 plane_height: view.plane_height(),
                 max_depth: self.settings.max_depth,
-                transfer: match self.settings.transfer {
-                    Transfer::Srgb => "srgb",
-                    Transfer::Linear => "linear",
-                },
+                transfer: self.settings.transfer.name(),
                 workers: self.workers,
                 threads: self.threads,
             },

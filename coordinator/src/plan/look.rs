@@ -6,7 +6,8 @@ use tessera_core::film::{ErrorEstimate, Region};
 
 /// Edge of the blocks.
 pub(super) const SPOT: u32 = 8;
-/// Blocks that the first look sees, and those that follow where it saw what was not expected. Both see more of large pictures: one block in so many at least.
+/// Blocks that the first look sees, and those that follow where it saw what was not expected. Both see more of large
+/// pictures: one block in so many at least.
 const LOOKS: [(f64, f64); 2] = [(100.0, 200.0), (150.0, 100.0)];
 
 /// Blocks of a picture of which one in every field of a grid is looked at.

@@ -98,7 +98,7 @@ impl Scheduler {
 
     fn add_outlook(&self, key: WorkerKey, w: &Worker, all: &mut Vec<Late>) {
         let Some(front) = w.leases.front().and_then(|l| self.open.get(l)) else { return };
-        let began = front.granted.max(w.last_answer);
+        let (began, occupied) = (front.granted.max(w.last_answer), w.is_occupied());
         let mut before = 0;
         for (place, lease) in w.leases.iter().enumerate() {
             let Some((id, tile)) = self.open.get(lease).and_then(|o| Some((o.tile, self.tiles.get(&o.tile)?))) else {
@@ -109,16 +109,16 @@ impl Scheduler {
             let whole = self.time_for(key, before) + w.line.lag();
             let due = began + 2 * whole + SLACK;
             let overdue = !w.is_alive() || self.now >= due;
-            let began = if w.is_occupied() { began.max(self.now) } else { began };
+            let begins = if occupied { began.max(self.now) } else { began };
             // What is later than was expected will be later still by as much.
-            let rest = if overdue { Duration::MAX } else { (began + whole).abs_diff(self.now) };
+            let rest = if overdue { Duration::MAX } else { (begins + whole).abs_diff(self.now) };
             all.push(Late {
                 tile: id,
                 area,
                 rest,
                 due,
-                begun: place < w.running && !w.is_occupied(),
-                copies: usize::from(!overdue && !w.is_occupied() || self.is_careful()),
+                begun: place < w.running && !occupied,
+                copies: usize::from(!overdue && !occupied || self.is_careful()),
             });
         }
     }

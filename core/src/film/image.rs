@@ -14,6 +14,16 @@ pub enum PixelsRef<'a> {
 }
 
 impl PixelsRef<'_> {
+    /// Those of `range`; `None` where there are no such pixels.
+    #[must_use]
+    pub fn get(self, range: std::ops::Range<usize>) -> Option<Self> {
+        Some(match self {
+            Self::Rgb8(p) => Self::Rgb8(p.get(range)?),
+            Self::Rgb16(p) => Self::Rgb16(p.get(range)?),
+            Self::F32(p) => Self::F32(p.get(range)?),
+        })
+    }
+
     /// How many pixels there are.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::Pixels;
 
 fn settings() -> Settings {
     Settings {

@@ -91,8 +91,7 @@ impl Options {
         add("--size", format!("{}x{}", raw.size.0, raw.size.1), "640x480");
         add("--zoom", raw.zoom.to_string(), "1");
         add("--plane-height", raw.plane_height.to_string(), "1");
-        let linear = self.settings.transfer == Transfer::Linear;
-        add("--transfer", if linear { "linear" } else { "srgb" }.into(), "srgb");
+        add("--transfer", self.settings.transfer.name().into(), "srgb");
         add("--workers", self.workers.to_string(), "2");
         if let Some(threads) = raw.threads {
             add("--threads", threads.to_string(), "");

@@ -130,3 +130,15 @@ fn a_check_that_its_checker_sits_on_goes_to_another() {
     assert!(matches!(verify.assign(check, &BOTH, true, NOW), Some(Assigned::Here { .. })));
     assert!(verify.region_of(WorkerKey(2), lease).is_none(), "its answer comes too late");
 }
+
+#[test]
+fn a_check_of_a_dear_tile_is_waited_for_less_long_when_all_else_is_done() {
+    let mut verify = Verify::new(1.0, [0; 32], JobNumber(0));
+    let busy = Duration::from_secs(10);
+    let check = verify.accepted(tile(ONE, 0, 7), None, busy).unwrap();
+    assert!(matches!(verify.assign(check, &BOTH, true, NOW), Some(Assigned::To(WorkerKey(2), _))));
+    let late = OVERDUE.0 + busy * OVERDUE_AT_THE_END;
+    assert!(verify.overdue(late, true).is_empty(), "it may still come");
+    assert!(verify.overdue(2 * late, false).is_empty(), "there is other work");
+    assert_eq!(verify.overdue(2 * late, true), [check]);
+}
