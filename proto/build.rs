@@ -36,6 +36,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     tonic_prost_build::configure()
         .out_dir(folder)
         .extern_path(".tessera.farm.v1", "crate::wire")
+        // A queue of thousands has neither of most of them.
+        .boxed(".tessera.control.v1.Job.result")
+        .boxed(".tessera.control.v1.Job.progress")
         .bytes(".tessera.control.v1.ScenePart.data")
         .bytes(".tessera.control.v1.PicturePart.data")
         .disable_comments(["."])

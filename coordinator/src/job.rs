@@ -170,6 +170,8 @@ pub struct Progress {
     pub rays: RayCounts,
     /// What of all this an earlier run did.
     pub earlier: Earlier,
+    /// Estimated error (RMSE, as a fraction of full scale) of what is done, where it is estimated.
+    pub error: Option<f64>,
     /// Every worker that ever registered, in order of arrival.
     pub workers: Vec<WorkerStats>,
     /// Since this run's render began.

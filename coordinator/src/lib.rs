@@ -11,7 +11,7 @@ mod queue;
 mod scheduler;
 pub mod web;
 
-pub use farm::{Canvas, Farm, Film, OnDisk, Scratch, Timing, render};
+pub use farm::{Canvas, Farm, Film, OnDisk, Scratch, Strangers, Timing, render};
 pub use job::{
     CheckedTile, Earlier, ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize,
     Unfinished, Verification, WorkerStats,

@@ -26,3 +26,4 @@ pub mod reference;
 pub mod studio;
 pub mod subject;
 pub mod truth;
+pub mod web;

@@ -147,3 +147,23 @@ fn help_and_completions_go_to_stdout() {
         assert!(ended.code == Some(0) && ended.out.contains("plane-height"), "{shell}");
     }
 }
+
+#[test]
+fn bash_completes_the_numbers_of_a_farms_jobs() {
+    let at = tempdir().expect("a folder");
+    let script = run(at.path(), ["completions", "bash"]).out;
+    std::fs::write(at.path().join("script"), script).expect("written");
+    let completed = |words: &str, last: &str, before: &str| {
+        let text = format!(
+            "source ./script; coordinator() {{ [ \"$*\" = 'jobs --ids' ] && printf '3\\n14\\n15\\n'; }}
+             COMP_WORDS=(coordinator {words}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))
+             _coordinator_and_ids coordinator '{last}' '{before}'; echo \"${{COMPREPLY[@]}}\""
+        );
+        let ended = std::process::Command::new("bash").current_dir(at.path()).args(["-c", &text]).output();
+        String::from_utf8(ended.expect("bash runs").stdout).expect("text").trim().to_owned()
+    };
+    assert_eq!(completed("cancel ''", "", "cancel"), "3 14 15");
+    assert_eq!(completed("fetch 1", "1", "fetch"), "14 15");
+    assert!(completed("fetch -", "-", "fetch").contains("--partial"));
+    assert!(completed("rend", "rend", "coordinator").contains("render"));
+}

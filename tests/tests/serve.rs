@@ -5,8 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -15,6 +14,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 use tessera_tests::process::Process;
 use tessera_tests::program::{self, Ended, run, scene};
+use tessera_tests::web::{PROOF, http};
 
 /// Longer than anything here takes.
 const NEVER: Duration = Duration::from_secs(60);
@@ -194,6 +194,27 @@ fn jobs_are_paused_gone_on_with_and_cancelled() {
     }
 }
 
+#[test]
+fn a_job_is_given_up_at_its_deadline_and_goes_on_where_it_was_if_it_is_resumed() {
+    let mut farm = Farm::start(1);
+    let demo = scene("demo.xml");
+    let long = ["--size", "1200x900", "--samples", "4096", "--owner", "ann"];
+    let late = farm.submit(&demo, &[&long[..], &["--deadline", "1s"]].concat());
+    farm.until(late, "failed");
+    assert!(farm.jobs()[&late]["failure"].as_str().unwrap().contains("deadline"));
+    farm.ok(&["resume", &late.to_string()]);
+    farm.until(late, "rendering");
+    assert_eq!(farm.jobs()[&late]["deadline_ms"], Value::Null);
+    farm.ok(&["cancel", &late.to_string()]);
+    // It passes also while the farm is away; who is done in time is not touched.
+    let quick = farm.submit(&demo, &["--size", "32x24", "--samples", "1", "--wait", "--deadline", "1h"]);
+    let lost = farm.submit(&demo, &[&long[..], &["--deadline", "1s"]].concat());
+    farm.kill();
+    farm.serve();
+    farm.until(lost, "failed");
+    assert_eq!(farm.state(quick), "done");
+}
+
 /// Instants of the kills; more by `KILLS=100`.
 fn kills() -> usize {
     std::env::var("KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
@@ -314,46 +335,6 @@ fn users_and_workers_have_secrets_of_their_own() {
     assert_eq!(ended.code, Some(1), "{}", ended.err);
 }
 
-/// An answer over HTTP.
-struct Answer {
-    status: u16,
-    head: String,
-    body: Vec<u8>,
-}
-
-impl Answer {
-    fn json(&self) -> Value {
-        serde_json::from_slice(&self.body).unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&self.body)))
-    }
-}
-
-/// Asks for `path` with these more lines of a head.
-fn http(at: &str, method: &str, path: &str, more: &str) -> Answer {
-    let mut stream = TcpStream::connect(at).unwrap();
-    stream.set_read_timeout(Some(NEVER)).unwrap();
-    let host = if more.contains("Host:") { String::new() } else { format!("Host: {at}\r\n") };
-    let head = format!("{method} {path} HTTP/1.1\r\n{host}Connection: close\r\nContent-Length: 0\r\n{more}\r\n");
-    stream.write_all(head.as_bytes()).unwrap();
-    let mut all = Vec::new();
-    if path.contains("/events") {
-        // It never ends: the first event will do.
-        let mut piece = [0; 4096];
-        while !all.windows(2).any(|w| w == b"}\n") {
-            let read = stream.read(&mut piece).unwrap();
-            if read == 0 {
-                break;
-            }
-            all.extend_from_slice(&piece[..read]);
-        }
-    } else {
-        stream.read_to_end(&mut all).unwrap();
-    }
-    let end = all.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
-    let head = String::from_utf8_lossy(&all[..end]).into_owned();
-    let status = head.split(' ').nth(1).unwrap().parse().unwrap();
-    Answer { status, head: head.to_lowercase(), body: all[end + 4..].to_vec() }
-}
-
 /// Whether `value` is what the document calls `name`: all that must be there is, and nothing else.
 fn is_a(document: &Value, name: &str, value: &Value) {
     let schema = &document["components"]["schemas"][name];
@@ -365,6 +346,24 @@ fn is_a(document: &Value, name: &str, value: &Value) {
     for key in keys {
         assert!(required.contains(&key) && !schema["properties"][key].is_null(), "{name} has {key}");
     }
+}
+
+/// Every figure in the dashboard for Grafana is one that the farm gives, by that name.
+fn the_dashboard_asks_for_what_is_told(metrics: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/grafana.json");
+    let dashboard: Value = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
+    let mut asked = 0;
+    for panel in dashboard["panels"].as_array().unwrap() {
+        for target in panel["targets"].as_array().unwrap() {
+            let text = target["expr"].as_str().unwrap();
+            let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
+            for name in words.filter(|word| word.starts_with("tessera_")) {
+                assert!(metrics.contains(&format!("# TYPE {name} ")), "{name} is not told");
+                asked += 1;
+            }
+        }
+    }
+    assert!(asked > 5);
 }
 
 #[test]
@@ -389,7 +388,7 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
                     "?region=0,0,9,9&width=0",
                 ] {
                     let asked = path.replace("{id}", &named).replace("{name}", &named) + query;
-                    let answer = http(&web, &method.to_uppercase(), &asked, "");
+                    let answer = http(&web, &method.to_uppercase(), &asked, PROOF);
                     let status = answer.status.to_string();
                     assert!(documented.contains_key(&status), "{method} {asked}: {status} is not documented");
                 }
@@ -422,8 +421,12 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
     assert_eq!(http(&web, "GET", "/", "Host: evil.example\r\n").status, 421);
     let pause = format!("/api/v1/jobs/{id}/pause");
     assert_eq!(http(&web, "POST", &pause, "Origin: http://evil.example\r\n").status, 403);
-    assert_eq!(http(&web, "POST", &pause, "").status, 409);
+    assert_eq!(http(&web, "POST", &pause, "").status, 403, "a form can send that");
+    assert_eq!(http(&web, "POST", &pause, PROOF).status, 409);
     assert!(String::from_utf8(get("/metrics").body).unwrap().contains("tessera_jobs{state=\"done\"} 1"));
+    the_dashboard_asks_for_what_is_told(&String::from_utf8(get("/metrics").body).unwrap());
+    let log = get("/api/v1/log").json()["lines"].to_string();
+    assert!(log.contains("w0 ") && log.contains(&format!("job {id} 'demo' of ")) && log.contains(": done"), "{log}");
     let event = String::from_utf8(get(&format!("/api/v1/events?job={id}")).body).unwrap();
     assert!(event.contains("event: state") && event.contains("\"state\":\"done\""), "{event}");
 
@@ -446,7 +449,7 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
         assert!(start.elapsed() < NEVER, "the worker does not come back");
         std::thread::sleep(Duration::from_millis(50));
     }
-    assert_eq!(http(&web, "POST", "/api/v1/workers/w0/drain", "").status, 200);
+    assert_eq!(http(&web, "POST", "/api/v1/workers/w0/drain", PROOF).status, 200);
     let (status, said) = farm.workers.remove(0).end();
     assert_eq!(status.code(), Some(0), "{said}");
 }

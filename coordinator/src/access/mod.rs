@@ -23,6 +23,10 @@ use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
 pub use state::State;
 use token_file::TokenFile;
 
+/// What is spoken behind TLS, as its handshake calls it.
+const GRPC: &[u8] = b"h2";
+const HTTP: &[u8] = b"http/1.1";
+
 /// Why a farm cannot be guarded as asked.
 #[derive(Debug, thiserror::Error)]
 pub enum AccessError {
@@ -89,12 +93,19 @@ pub struct Access {
 /// A farm that asks.
 pub(crate) struct Guarded {
     pub(crate) tls: Arc<ServerConfig>,
+    certifier: Certifier,
     /// What workers of this process know the coordinator by.
     pub(crate) pin: Pin,
     /// `None` where certificates are asked for instead.
     token: Option<TokenSource>,
     /// What lets users of a farm that stays in; `None` where there are none.
     user: Option<TokenFile>,
+}
+
+/// Where the page's certificate comes from.
+enum Certifier {
+    Authority(Authority),
+    Pki(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>),
 }
 
 enum TokenSource {
@@ -127,11 +138,13 @@ impl Access {
     /// When files cannot be read or written, or the token is of another farm.
     pub fn guarded(state: &State, token: Option<TokenFrom>) -> Result<Self, AccessError> {
         let authority = state.authority()?;
-        let (chain, key) = authority.certify()?;
+        let (chain, key) = authority.certify(vec![FARM_NAME.into()])?;
         let token = token.unwrap_or_else(|| TokenFrom::File(state.token_path()));
-        let token = TokenSource::open(token, authority.pin())?;
-        let tls = server_config(chain, key, Arc::new(NoClientAuth))?;
-        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin: authority.pin(), token: Some(token), user: None })) })
+        let pin = authority.pin();
+        let token = Some(TokenSource::open(token, pin)?);
+        let tls = server_config(chain, key, Arc::new(NoClientAuth), GRPC)?;
+        let certifier = Certifier::Authority(authority);
+        Ok(Self { guard: Some(Arc::new(Guarded { tls, certifier, pin, token, user: None })) })
     }
 
     /// By certificates of one's own: with authorities for workers these need a certificate, else the token.
@@ -142,11 +155,12 @@ impl Access {
         let chain = certificates(&files.cert)?;
         let key = private_key(&files.key)?;
         let pin = chain.last().map(|c| Pin::of(c)).ok_or_else(|| AccessError::Tls("there is none".into()))?;
+        let certifier = Certifier::Pki(chain.clone(), key.clone_key());
         let Some(authorities) = &files.client_ca else {
             let place = || state.map(|s| TokenFrom::File(s.token_path_for(pin))).ok_or(AccessError::NoHome);
-            let token = TokenSource::open(token.map_or_else(place, Ok)?, pin)?;
-            let tls = server_config(chain, key, Arc::new(NoClientAuth))?;
-            return Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: Some(token), user: None })) });
+            let token = Some(TokenSource::open(token.map_or_else(place, Ok)?, pin)?);
+            let tls = server_config(chain, key, Arc::new(NoClientAuth), GRPC)?;
+            return Ok(Self { guard: Some(Arc::new(Guarded { tls, certifier, pin, token, user: None })) });
         };
         let mut roots = RootCertStore::empty();
         for certificate in certificates(authorities)? {
@@ -159,8 +173,8 @@ impl Access {
             .allow_unauthenticated()
             .build()
             .map_err(|e| AccessError::Tls(e.to_string()))?;
-        let tls = server_config(chain, key, verifier)?;
-        Ok(Self { guard: Some(Arc::new(Guarded { tls, pin, token: None, user: None })) })
+        let tls = server_config(chain, key, verifier, GRPC)?;
+        Ok(Self { guard: Some(Arc::new(Guarded { tls, certifier, pin, token: None, user: None })) })
     }
 
     /// The token that lets workers in, where there is one.
@@ -187,6 +201,21 @@ impl Access {
     pub fn user_token(&self) -> Option<Token> {
         let guard = self.guard.as_ref()?;
         Some(Token { pin: guard.pin, secret: guard.user.as_ref()?.secret() })
+    }
+
+    /// TLS for the page where browsers call this machine by `names`, and the pin of the certificate that they see:
+    /// one's own, or one of the user's authority. Browsers are asked for no certificate; they log in.
+    ///
+    /// # Errors
+    /// [`AccessError::Tls`] where nothing is asked for, or a name cannot stand in a certificate.
+    pub(crate) fn page_tls(&self, names: Vec<String>) -> Result<(Arc<ServerConfig>, Pin), AccessError> {
+        let guard = self.guard.as_ref().ok_or_else(|| AccessError::Tls("the farm has none".into()))?;
+        let (chain, key) = match &guard.certifier {
+            Certifier::Authority(authority) => authority.certify(names)?,
+            Certifier::Pki(chain, key) => (chain.clone(), key.clone_key()),
+        };
+        let pin = chain.first().map(|c| Pin::of(c)).ok_or_else(|| AccessError::Tls("there is none".into()))?;
+        Ok((server_config(chain, key, Arc::new(NoClientAuth), HTTP)?, pin))
     }
 
     /// Whether anything is asked for.
@@ -242,6 +271,7 @@ fn server_config(
     chain: Vec<CertificateDer<'static>>,
     key: PrivateKeyDer<'static>,
     clients: Arc<dyn ClientCertVerifier>,
+    protocol: &[u8],
 ) -> Result<Arc<ServerConfig>, AccessError> {
     let wrong = |e: &dyn fmt::Display| AccessError::Tls(e.to_string());
     let mut config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
@@ -250,7 +280,7 @@ fn server_config(
         .with_client_cert_verifier(clients)
         .with_single_cert(chain, key)
         .map_err(|e| wrong(&e))?;
-    config.alpn_protocols = vec![b"h2".to_vec()];
+    config.alpn_protocols = vec![protocol.to_vec()];
     Ok(Arc::new(config))
 }
 
@@ -289,11 +319,14 @@ impl Authority {
         Pin::of(&self.certificate)
     }
 
-    /// A certificate for a coordinator, with this one behind it, and its key.
-    fn certify(&self) -> Result<(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>), AccessError> {
+    /// A certificate for a coordinator of these names, with this one behind it, and its key.
+    fn certify(
+        &self,
+        names: Vec<String>,
+    ) -> Result<(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>), AccessError> {
         let make = || {
             let key = KeyPair::generate()?;
-            let mut params = CertificateParams::new(vec![FARM_NAME.to_owned()])?;
+            let mut params = CertificateParams::new(names)?;
             params.distinguished_name.push(DnType::CommonName, FARM_NAME);
             params.insert_extended_key_usage(ExtendedKeyUsagePurpose::ServerAuth);
             Ok::<_, rcgen::Error>((params.signed_by(&key, &self.issuer)?, key))

@@ -193,13 +193,16 @@ pub(crate) struct Render {
     /// Also take workers that connect from elsewhere: HOST[:PORT] or PORT, port 4747 where none is given
     #[arg(long, value_name = "ADDR", help_heading = "Farm")]
     pub(crate) listen: Option<String>,
+    /// Show the picture as it grows on a page there: HOST:PORT, or PORT for this machine alone; beyond it, with TLS and the users' token
+    #[arg(long, value_name = "ADDR", default_value = "none", help_heading = "Farm")]
+    pub(crate) http: String,
     /// How long to go on without any worker: 90s, 1h, 'forever' [default: 30s for the first, 5m after one was lost]
     #[arg(long, value_name = "D|forever", value_parser = patience, allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) wait_for_workers: Option<Duration>,
     #[command(flatten)]
     pub(crate) access: AccessFlags,
     /// Have a farm that stays render it: HOST[:PORT], as 'coordinator serve' listens
-    #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["listen", "workers", "wait_for_workers", "tls_cert", "insecure", "restart", "journal"], help_heading = "Farm")]
+    #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["listen", "http", "workers", "wait_for_workers", "tls_cert", "insecure", "restart", "journal"], help_heading = "Farm")]
     pub(crate) farm: Option<Address>,
 
     /// Keep what is done in FILE, from where the same command goes on after whatever ended it; 'none' keeps nothing [default: OUTPUT.journal, as soon as a render takes 2 s; it goes when the picture is written]

@@ -6,8 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use console::Term;
 use indicatif::{MultiProgress, ProgressDrawTarget, TermLike};
 use tessera_proto::layers_at;
-use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer};
 
 use super::exit::{Exit, Failure};
 
@@ -58,12 +60,12 @@ impl Console {
             Ok(spec) if !spec.is_empty() => EnvFilter::new(spec),
             _ => EnvFilter::new(default),
         };
-        let _ = tracing_subscriber::fmt()
-            .with_env_filter(filter)
+        let said = tracing_subscriber::fmt::layer()
             .with_ansi(self.colour)
             .with_target(verbosity > 1)
             .with_writer(LogWriter(self.clone()))
-            .try_init();
+            .with_filter(filter);
+        let _ = tracing_subscriber::registry().with(said).with(coordinator::web::log::layer()).try_init();
     }
 
     /// A result: as it is, to stdout.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use bytes::Bytes;
 use coordinator::access::State;
@@ -246,6 +246,8 @@ pub(super) struct Asking<'a> {
     pub(super) owner: Option<&'a str>,
     pub(super) priority: i32,
     pub(super) group: &'a str,
+    /// From now on.
+    pub(super) deadline: Option<Duration>,
 }
 
 impl Asking<'_> {
@@ -273,8 +275,15 @@ impl Asking<'_> {
             owner: self.owner.map_or_else(user, Into::into),
             priority: self.priority,
             group: self.group.into(),
+            deadline_ms: self.deadline.map_or(0, from_now_ms),
         }
     }
+}
+
+/// A moment in milliseconds since 1970.
+fn from_now_ms(later: Duration) -> u64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from((now + later).as_millis()).unwrap_or(u64::MAX)
 }
 
 /// Who types the commands.

@@ -56,6 +56,11 @@ pub(crate) fn list(raw: &Jobs, console: &Console) -> Result<Exit, Failure> {
                 Some(id) => vec![client.job(id).await?],
                 None => client.jobs().await?,
             };
+            if raw.ids {
+                let numbers: String = jobs.iter().map(|job| format!("{}\n", job.id)).collect();
+                console.out(&numbers)?;
+                return Ok(Exit::Done);
+            }
             let text = match raw.json {
                 true => format!("{:#}\n", Value::Array(jobs.iter().map(as_json).collect())),
                 false => table(&jobs),
@@ -168,6 +173,7 @@ fn as_json(job: &Job) -> Value {
         "owner": spec.owner,
         "priority": spec.priority,
         "group": spec.group,
+        "deadline_ms": time(spec.deadline_ms),
         "submitted_ms": job.submitted_ms,
         "started_ms": time(job.started_ms),
         "ended_ms": time(job.ended_ms),

@@ -4,6 +4,7 @@ mod access;
 mod args;
 mod check;
 mod compare;
+mod completions;
 mod condition;
 mod console;
 mod describe;
@@ -17,6 +18,7 @@ mod jobs;
 mod journal;
 mod measure;
 mod options;
+mod page;
 mod picture;
 mod progress;
 mod remote;
@@ -30,7 +32,7 @@ mod verification;
 
 use std::time::Instant;
 
-use clap::{CommandFactory, Parser};
+use clap::Parser;
 
 use args::{Args, Command};
 use console::Console;
@@ -73,11 +75,7 @@ pub(crate) fn run() -> Exit {
         Command::Compare(raw) => compare::run(&raw, &console),
         Command::Measure(raw) => measure::run(*raw, &console, began),
         Command::Token { command, user } => access::token(command.unwrap_or_default(), user, &console),
-        Command::Completions { shell } => {
-            let mut text = Vec::new();
-            clap_complete::generate(shell, &mut Args::command(), "coordinator", &mut text);
-            console.out(&String::from_utf8_lossy(&text)).map(|()| Exit::Done)
-        }
+        Command::Completions { shell } => console.out(&completions::script(shell)).map(|()| Exit::Done),
     };
     done.unwrap_or_else(|failure| {
         console.error(&failure.message);

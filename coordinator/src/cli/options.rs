@@ -31,6 +31,8 @@ pub(crate) struct Options {
     pub(crate) workers: usize,
     pub(crate) threads: usize,
     pub(crate) listen: Option<String>,
+    /// Where the page is, or `none`.
+    pub(crate) http: String,
     pub(crate) patience: Patience,
     pub(crate) access: AccessFlags,
     /// Share of the tiles that are rendered twice, 0 to 1.
@@ -173,6 +175,7 @@ impl Options {
             workers,
             threads: raw.threads.map_or_else(cores, usize::from),
             listen: raw.listen,
+            http: raw.http,
             patience: raw.wait_for_workers.map_or_else(Patience::default, Patience::from),
             journal,
             restart: raw.restart,

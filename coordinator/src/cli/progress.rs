@@ -219,6 +219,7 @@ mod tests {
             pixels_total: 100,
             rays: RayCounts { camera: 10_000_000, mirror: 0, shadow: 10_000_000, refined: 5, unresolved: 0 },
             earlier: Earlier::default(),
+            error: None,
             workers: vec![
                 WorkerStats { connected: true, ..WorkerStats::default() },
                 WorkerStats { connected: false, ..WorkerStats::default() },

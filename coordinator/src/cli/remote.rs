@@ -40,6 +40,7 @@ pub(super) async fn rendered(
         owner: None,
         priority: 0,
         group: "",
+        deadline: None,
     };
     let job = client.submit(asking.spec(named)).await?;
     let id = job.id;
@@ -110,6 +111,7 @@ fn shown(p: &control::Progress) -> Progress {
         rays: p.rays.and_then(|r| RayCounts::try_from(r).ok()).unwrap_or_default(),
         workers: (0..p.workers.min(4096)).map(|_| worker()).collect(),
         elapsed: Duration::from_micros(p.elapsed_us),
+        error: p.error,
         ..Progress::default()
     }
 }

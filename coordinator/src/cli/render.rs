@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use coordinator::journal::Journal;
+use coordinator::web::{Page, Single};
 use coordinator::{Farm, Goal, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch, Unfinished};
 use tessera_core::film::ErrorEstimate;
 use tessera_core::film::file::Output;
@@ -22,6 +23,7 @@ use super::exit::{Exit, Failure};
 use super::files::Files;
 use super::finish::Rest;
 use super::options::{Accuracy, Options, ReportTo, resolve};
+use super::page::{self, Readers};
 use super::report::Phases;
 use super::{journal, progress, remote, scene, signals};
 
@@ -133,12 +135,14 @@ async fn render(
     (console, stop): (&Console, CancellationToken),
     began: Instant,
 ) -> Result<Result<Ended, RenderError>, Failure> {
-    let mut farm = None;
+    let (mut farm, over) = (None, CancellationToken::new());
+    let mut watching = None;
     if options.farm.is_none() {
         // They connect while the scene is read.
-        let mut bound = bind(&options, console).await?;
+        let (mut bound, page) = bind(&options, console).await?;
         bound.hire(options.workers, options.threads);
         farm = Some(bound);
+        watching = page.map(|page| watch_single(page, &options, stop.clone(), over.clone()));
     }
     let mut phases = Phases::default();
     let reading = Instant::now();
@@ -189,12 +193,20 @@ async fn render(
     job.spent = began.elapsed();
     let last = job.scene.clone();
     let (tell, watched) = watch::channel(Progress::default());
+    if let Some((single, _)) = &watching {
+        job.canvas = Some(single.canvas());
+        single.begin(watched.clone());
+    }
     let shown = tokio::spawn(progress::show(progress::Style::of(options.progress), watched, console.clone()));
     let ended = farm.render(job, tell, stop).await;
     // A large scene takes a while to be given back: the picture is written meanwhile.
     rayon::spawn(move || drop(last));
     // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
     let _ = shown.await;
+    if let Some((_, page)) = watching {
+        over.cancel();
+        let _ = page.await;
+    }
     Ok(match ended {
         Ok(rendered) => Ok(Ended { rendered, error: None, phases, description }),
         Err(Unfinished { error, partial }) => match partial.filter(|p| !p.done.is_empty()) {
@@ -232,8 +244,22 @@ fn missed(options: &Options, rendered: &Rendered) -> Option<String> {
     })
 }
 
+/// Shows the render on `page` until it is `over`.
+fn watch_single(
+    page: Page,
+    options: &Options,
+    stop: CancellationToken,
+    over: CancellationToken,
+) -> (Single, tokio::task::JoinHandle<()>) {
+    let name = options.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let picture = (options.settings, options.region, options.pixels);
+    let single = Single::new(name, picture, options.accuracy.target(), stop);
+    let shown = tokio::spawn(page.show_single(single.clone(), over));
+    (single, shown)
+}
+
 /// Listens before anything is read, so that a port in use costs no time.
-async fn bind(options: &Options, console: &Console) -> Result<Farm, Failure> {
+async fn bind(options: &Options, console: &Console) -> Result<(Farm, Option<Page>), Failure> {
     raise_open_files();
     let listen = match &options.listen {
         Some(text) => resolve(text).await?,
@@ -251,7 +277,9 @@ async fn bind(options: &Options, console: &Console) -> Result<Farm, Failure> {
         let how = options.access.invitation(farm.addr(), &access);
         console.say(&format!("workers are awaited on {}; start them by: {how}", farm.addr()));
     }
-    Ok(farm)
+    let readers = Readers { flags: &options.access, access: &access, user_token_file: None };
+    let page = page::bind(&options.http, &readers, &farm, console).await?;
+    Ok((farm, page))
 }
 
 /// Runs `work` off the async threads.

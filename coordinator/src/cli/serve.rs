@@ -2,9 +2,8 @@
 
 use std::net::SocketAddr;
 
-use coordinator::access::{Access, State};
+use coordinator::access::Access;
 use coordinator::{Farm, Queue};
-use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
@@ -13,6 +12,7 @@ use super::args::Serve;
 use super::console::Console;
 use super::exit::{Exit, Failure};
 use super::options::resolve;
+use super::page::{self, Readers, with_users};
 use super::render::{failure, on_runtime};
 use super::signals;
 
@@ -31,14 +31,7 @@ pub(crate) fn run(raw: &Serve, console: &Console) -> Result<Exit, Failure> {
 async fn serve(raw: &Serve, threads: usize, console: &Console, stop: CancellationToken) -> Result<Exit, Failure> {
     raise_open_files();
     let listen = resolve(&raw.listen).await?;
-    let mut access = raw.access.access(listen, console)?;
-    if !access.is_open() {
-        let path = match &raw.user_token_file {
-            Some(path) => path.clone(),
-            None => State::of_user().map_err(Failure::usage)?.user_token_path(),
-        };
-        access = access.with_users(path).map_err(Failure::usage)?;
-    }
+    let access = with_users(raw.access.access(listen, console)?, raw.user_token_file.as_ref())?;
     let (queue, orders) =
         Queue::open(&raw.state, raw.keep.unwrap_or_default()).map_err(|e| Failure::new(Exit::Failed, e))?;
     let farm = Farm::bind_serving(listen, &access, &queue).await.map_err(|e| failure(&e))?;
@@ -51,17 +44,9 @@ async fn serve(raw: &Serve, threads: usize, console: &Console, stop: Cancellatio
     };
     console.say(&format!("submit jobs by: coordinator submit SCENE --farm {}{token}", named(addr)));
     let closed = CancellationToken::new();
-    let page = page(&raw.http).await?;
-    if let Some(page) = page {
-        let at = page.local_addr().map_err(|e| Failure::new(Exit::Failed, e))?;
-        console.say(&format!("the page is at http://{at}/"));
-        let (queue, closed) = (queue.clone(), closed.clone());
-        tokio::spawn(async move {
-            if let Err(e) = coordinator::web::serve(page, queue, closed).await {
-                tracing::error!("the page ended: {e}");
-            }
-        });
-    }
+    let readers = Readers { flags: &raw.access, access: &access, user_token_file: raw.user_token_file.as_ref() };
+    let page = page::bind(&raw.http, &readers, &farm, console).await?;
+    let shown = page.map(|page| tokio::spawn(page.show(queue.clone(), closed.clone())));
     let mut here = workers(raw, threads, addr, &access, &closed);
     {
         let served = farm.serve(&queue, orders, closed.clone());
@@ -80,26 +65,11 @@ async fn serve(raw: &Serve, threads: usize, console: &Console, stop: Cancellatio
         }
     }
     while here.join_next().await.is_some() {}
+    if let Some(shown) = shown {
+        let _ = shown.await;
+    }
     console.say("the farm is closed; what is done is kept, and the same command goes on with it");
     Ok(Exit::Interrupted)
-}
-
-/// Listens for the page's readers.
-async fn page(http: &str) -> Result<Option<TcpListener>, Failure> {
-    if http == "none" {
-        return Ok(None);
-    }
-    let port_alone = !http.is_empty() && http.bytes().all(|b| b.is_ascii_digit());
-    let addr = if port_alone { format!("127.0.0.1:{http}") } else { http.to_owned() };
-    let wrong = |why: &dyn std::fmt::Display| Failure::usage(format!("--http {http}: {why}"));
-    let found = tokio::net::lookup_host(&addr).await.map_err(|e| wrong(&e))?.next();
-    let found = found.ok_or_else(|| wrong(&"no address"))?;
-    if !found.ip().to_canonical().is_loopback() {
-        return Err(wrong(&"the page is for this machine alone: take 127.0.0.1, and ssh -L to see it from elsewhere"));
-    }
-    let busy =
-        |e| Failure::new(Exit::Failed, format!("cannot listen on {found}: {e}; another place is given by --http"));
-    TcpListener::bind(found).await.map(Some).map_err(busy)
 }
 
 /// An address as others type it.

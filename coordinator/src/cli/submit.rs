@@ -50,6 +50,7 @@ pub(crate) fn run(raw: Submit, console: &Console) -> Result<Exit, Failure> {
                 owner: raw.owner.as_deref(),
                 priority: raw.priority,
                 group: &group,
+                deadline: raw.deadline,
             };
             let job = client.submit(asking.spec(named)).await?;
             console.out(&format!("{}\n", job.id))?;

@@ -11,6 +11,9 @@ use super::film::{Film, OnDisk};
 /// Tiles of which is remembered who rendered them: whoever has not seen older ones looks at the picture as a whole.
 const REMEMBERED: usize = 16_384;
 
+/// Points of the curve of errors that are kept, at most.
+const CURVE: usize = 512;
+
 /// What is known of a tile beside its pixels.
 #[derive(Clone, Debug)]
 pub(crate) struct TileNote {
@@ -19,6 +22,8 @@ pub(crate) struct TileNote {
     pub(crate) pass: u32,
     /// Expected error in 8-bit steps, where it was estimated.
     pub(crate) error: Option<f64>,
+    /// When it came, in seconds since the render began, and the error of the picture then in 8-bit steps.
+    pub(crate) so_far: Option<(f64, f64)>,
     pub(crate) rays: u64,
     pub(crate) busy_us: u64,
 }
@@ -42,17 +47,28 @@ pub(super) struct View {
     notes: VecDeque<TileNote>,
     /// Tiles that came before the first that is remembered.
     forgotten: u64,
+    /// Seconds, and the error of the picture then in 8-bit steps.
+    curve: Vec<(f64, f64)>,
 }
 
 impl View {
     pub(super) fn new(whole: Region, image: Film) -> Self {
-        Self { whole, image, notes: VecDeque::new(), forgotten: 0 }
+        Self { whole, image, notes: VecDeque::new(), forgotten: 0, curve: Vec::new() }
     }
 
     pub(super) fn note(&mut self, note: TileNote) {
         if self.notes.len() >= REMEMBERED {
             self.notes.pop_front();
             self.forgotten += 1;
+        }
+        self.curve.extend(note.so_far);
+        // Every second point will do where there are many.
+        if self.curve.len() > CURVE {
+            let mut nth = 0;
+            self.curve.retain(|_| {
+                nth += 1;
+                nth % 2 == 1
+            });
         }
         self.notes.push_back(note);
     }
@@ -87,6 +103,11 @@ impl Canvas {
         let first = since.clamp(view.forgotten, view.forgotten + view.notes.len() as u64);
         let skip = (first - view.forgotten) as usize;
         (first, view.notes.iter().skip(skip).take(most).cloned().collect())
+    }
+
+    /// Seconds since the render began, and the error of the picture then in 8-bit steps.
+    pub(crate) fn curve(&self) -> Vec<(f64, f64)> {
+        self.view().map_or_else(Vec::new, |v| v.lock().unwrap_or_else(PoisonError::into_inner).curve.clone())
     }
 
     /// What is seen of `region` in `width` x `height` places: the pixel in the middle of each.

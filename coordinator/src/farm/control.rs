@@ -46,7 +46,7 @@ impl From<Refused> for Status {
         let said = refused.to_string();
         match refused {
             Refused::Unknown(_) => Self::not_found(said),
-            Refused::NoScene | Refused::State(..) => Self::failed_precondition(said),
+            Refused::NoScene | Refused::State(..) | Refused::Single(_) => Self::failed_precondition(said),
             Refused::Bad(_) => Self::invalid_argument(said),
             Refused::Disk(_) => Self::resource_exhausted(said),
             Refused::Closing => Self::unavailable(said),

@@ -29,7 +29,7 @@ use crate::scheduler::{CutOff, WorkerKey};
 /// Between two looks at who should render for whom, where nothing calls for one.
 const SHARE_EVERY: Duration = Duration::from_millis(250);
 /// What comes and goes is said under this name, also where nothing else is.
-const FARM: &str = "farm";
+pub(crate) const FARM: &str = "farm";
 
 /// A worker that is connected.
 struct Seat {

@@ -175,7 +175,7 @@ async fn watch(connection: Arc<Connection>) {
 }
 
 /// What counts as one address: of IPv6, the network that one host has to itself.
-pub(super) fn prefix(address: IpAddr) -> IpAddr {
+pub(crate) fn prefix(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => IpAddr::V6((u128::from(v6) & !u128::from(u64::MAX)).into()),
         v4 => v4,
@@ -184,13 +184,13 @@ pub(super) fn prefix(address: IpAddr) -> IpAddr {
 
 /// Files that this process may have open.
 #[cfg(unix)]
-fn open_files() -> usize {
+pub(crate) fn open_files() -> usize {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
     limit.map_or(usize::MAX, |n| usize::try_from(n).unwrap_or(usize::MAX))
 }
 
 #[cfg(not(unix))]
-fn open_files() -> usize {
+pub(crate) fn open_files() -> usize {
     1024
 }
 

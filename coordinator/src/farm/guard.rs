@@ -24,6 +24,8 @@ use crate::access::Guarded;
 
 /// The calls whose request does not end at once.
 const LONG: [&str; 2] = ["/tessera.farm.v1.Farm/Work", "/tessera.control.v1.Control/PutScene"];
+/// What everybody may ask, and learns nothing by: whether the farm serves.
+const HEALTH: &str = "/grpc.health.v1.Health/Check";
 /// How the calls of users begin.
 const USERS: &str = "/tessera.control.v1.";
 
@@ -111,7 +113,12 @@ where
 
     fn call(&mut self, request: Request<Body>) -> Self::Future {
         let peer = request.extensions().get::<Peer>();
-        if let Err(status) = self.layer.admit(peer, request.headers(), request.uri().path().starts_with(USERS)) {
+        let path = request.uri().path();
+        let admitted = match path {
+            HEALTH => Ok(()),
+            _ => self.layer.admit(peer, request.headers(), path.starts_with(USERS)),
+        };
+        if let Err(status) = admitted {
             let address = peer.map_or(IpAddr::from([0; 4]), |p| p.address.ip());
             let wait = self.layer.strangers.failed(address);
             // What it brought is let go of before it waits.

@@ -31,6 +31,8 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tonic::transport::Server;
+use tonic_health::ServingStatus;
+use tonic_health::server::HealthReporter;
 use worker::{LocalScene, TileTracer};
 
 use crate::access::{Access, Guarded};
@@ -42,12 +44,13 @@ use gate::Gate;
 use guard::GuardLayer;
 use incoming::Doorway;
 use service::{Door, Heard, Service};
-use strangers::Strangers;
 
 pub use canvas::Canvas;
 pub(crate) use canvas::{Seen, look};
-pub(crate) use dispatch::{Order, Standing, WorkerView};
+pub(crate) use dispatch::{FARM, Order, Standing, WorkerView};
 pub use film::{Film, OnDisk, Scratch};
+pub(crate) use gate::{open_files, prefix};
+pub use strangers::Strangers;
 pub use timing::Timing;
 
 /// What workers said and the driver has not heard yet: bounds memory, since every tile may be
@@ -69,6 +72,8 @@ pub struct Farm {
     hired: Option<Hired>,
     guard: Option<Arc<Guarded>>,
     strangers: Arc<Strangers>,
+    /// Tells whoever asks by gRPC's health checks.
+    health: HealthReporter,
     /// Whatever ends the farm ends the server and the workers with it.
     closing: DropGuard,
 }
@@ -130,6 +135,8 @@ impl Farm {
         let guard = access.guard().cloned();
         let layer = GuardLayer { strangers: strangers.clone(), guard: guard.clone(), local: door.secret };
         let control = queue.map(|queue| Control::new(queue, gate.clone()).into_server());
+        let (health, checked) = tonic_health::server::health_reporter();
+        health.set_service_status("", ServingStatus::NotServing).await;
         let doorway = Doorway { gate, strangers: strangers.clone(), guard: guard.clone() };
         let closing = CancellationToken::new();
         let server = Server::builder()
@@ -142,12 +149,13 @@ impl Farm {
             .layer(layer)
             .add_service(Service(door.clone()).into_server())
             .add_optional_service(control)
+            .add_service(checked)
             .serve_with_incoming_shutdown(
                 incoming::accept(listener, doorway, closing.clone()),
                 closing.clone().cancelled_owned(),
             );
         let server = Aborted(tokio::spawn(server).abort_handle());
-        Ok(Self { addr, door, heard, server, hired: None, guard, strangers, closing: closing.drop_guard() })
+        Ok(Self { addr, door, heard, server, hired: None, guard, strangers, health, closing: closing.drop_guard() })
     }
 
     /// Starts `workers` in this process, of so many `threads` together and one each at least. They connect now
@@ -171,6 +179,12 @@ impl Farm {
         self.hired = Some(Hired { count: workers, tracer, _tasks });
     }
 
+    /// Who came with a wrong secret: those of the page count among them.
+    #[must_use]
+    pub fn strangers(&self) -> Arc<Strangers> {
+        self.strangers.clone()
+    }
+
     /// The address workers connect to, with its actual port.
     #[must_use]
     pub fn addr(&self) -> SocketAddr {
@@ -189,7 +203,8 @@ impl Farm {
     ) -> Result<Rendered, Unfinished> {
         self.hire(job.workers, job.threads);
         let tracer = if self.hired.is_some() { Some(tracer(&job).await?) } else { None };
-        let Self { door, heard, server, hired, strangers, closing, .. } = self;
+        let Self { door, heard, server, hired, strangers, health, closing, .. } = self;
+        health.set_service_status("", ServingStatus::Serving).await;
         if let Some(hired) = &hired {
             hired.tracer.send_replace(tracer);
         }
@@ -205,10 +220,19 @@ impl Farm {
 impl Farm {
     /// Renders what the queue orders until `cancel`; then every job ends as it is, and the workers are dismissed.
     pub async fn serve(self, queue: &Queue, orders: Orders, cancel: CancellationToken) {
-        let Self { door, heard, server, closing, .. } = self;
+        let Self { door, heard, server, health, closing, .. } = self;
+        health.set_service_status("", ServingStatus::Serving).await;
         let dispatcher = Dispatcher::new(door, heard, Timing::default(), 0);
         queue.attach(dispatcher.views());
-        dispatcher.serve(orders.0, &cancel).await;
+        let closing_soon = async {
+            queue.closing().await;
+            health.set_service_status("", ServingStatus::NotServing).await;
+            std::future::pending().await
+        };
+        tokio::select! {
+            () = dispatcher.serve(orders.0, &cancel) => {}
+            () = closing_soon => {}
+        }
         drop((server, closing));
     }
 }

@@ -347,6 +347,17 @@ impl Passes {
         sum
     }
 
+    /// The estimate of the last whole picture, or, before there is one, of its part that is done; as a fraction of
+    /// full scale.
+    pub(super) fn error_so_far(&self) -> Option<f64> {
+        let error = match self.whole {
+            0 if self.kept => self.at_hand.error,
+            0 => return None,
+            _ => self.picture.error,
+        };
+        (error.pixels > 0).then(|| error.rmse())
+    }
+
     /// What other errors would take, where the last whole picture tells.
     pub(super) fn forecast(&self) -> Option<Forecast> {
         match self.pass?.detail {

@@ -29,7 +29,7 @@ const SAID_EVERY: Duration = Duration::from_secs(10);
 
 /// See the [module](self).
 #[derive(Debug, Default)]
-pub(super) struct Strangers(Mutex<Inner>);
+pub struct Strangers(Mutex<Inner>);
 
 #[derive(Debug, Default)]
 struct Inner {
@@ -50,7 +50,7 @@ struct Failures {
 
 impl Strangers {
     /// A wrong secret came from `address`. Gives how long to wait before saying so.
-    pub(super) fn failed(&self, address: IpAddr) -> Duration {
+    pub(crate) fn failed(&self, address: IpAddr) -> Duration {
         self.failed_at(address, Instant::now())
     }
 
@@ -77,7 +77,7 @@ impl Strangers {
     }
 
     /// When the next handshake of `address` may begin; `None` where too many wait for theirs.
-    pub(super) fn turn(&self, address: IpAddr) -> Option<Instant> {
+    pub(crate) fn turn(&self, address: IpAddr) -> Option<Instant> {
         self.turn_at(address, Instant::now())
     }
 
@@ -95,7 +95,7 @@ impl Strangers {
     }
 
     /// How many came in all.
-    pub(super) fn total(&self) -> u64 {
+    pub(crate) fn total(&self) -> u64 {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).total
     }
 }

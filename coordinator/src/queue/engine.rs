@@ -1,22 +1,24 @@
 //! The queue's thread: it alone changes jobs, and keeps every change before it tells it.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+mod tidy;
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
+use tessera_proto::JobNumber;
 use tessera_proto::control::{Job, Spec, State};
-use tessera_proto::{JobNumber, SceneHash};
 use tokio::runtime::Handle;
 use tokio::sync::{oneshot, watch};
 
 use super::choose::{ACTIVE, Waiting};
-use super::keep::{Finished, Keep};
+use super::keep::Keep;
 use super::load::{Loaded, load, outcome};
 use super::spec::{check, key, rank};
 use super::store::{Left, Store};
-use super::{Ask, Change, Entry, Jobs, Refused, Reply, is_final, now_ms, state_name};
-use crate::farm::{Order, Standing};
+use super::{Ask, Change, Entry, Jobs, Refused, Reply, UNWRITTEN, is_final, now_ms, state_name};
+use crate::farm::{FARM, Order, Standing};
 use crate::job::{Progress, RenderError, Rendered, Unfinished};
 use crate::journal::Journal;
 
@@ -52,6 +54,8 @@ pub(super) struct Engine {
     next_number: u64,
     waiting: Waiting,
     running: BTreeMap<u64, Running>,
+    /// Jobs that are not over, by when they are given up, in milliseconds since 1970.
+    deadlines: BTreeSet<(u64, u64)>,
     /// Finished jobs by what their pictures depend on.
     finished: HashMap<[u8; 32], u64>,
     /// Where it closes, who waits for that.
@@ -80,6 +84,7 @@ impl Engine {
             next_number: 0,
             waiting,
             running: BTreeMap::new(),
+            deadlines: BTreeSet::new(),
             finished,
             closing: None,
         };
@@ -106,6 +111,10 @@ impl Engine {
             State::Queued | State::Rendering => self.waiting.insert(&spec.owner, rank),
             _ => self.waiting.remove(&spec.owner, rank),
         }
+        if spec.deadline_ms > 0 {
+            let due = (spec.deadline_ms, job.id);
+            let _ = if is_final(job.state()) { self.deadlines.remove(&due) } else { self.deadlines.insert(due) };
+        }
         if job.state() == State::Done
             && job.result.as_ref().is_some_and(|r| r.target_met != Some(false))
             && let Some(key) = key(spec)
@@ -122,7 +131,15 @@ impl Engine {
 
     /// Keeps a job as it is now, and then shows it.
     fn commit(&mut self, job: Job) -> Result<Job, Refused> {
-        self.store.put(&job, self.next_id).map_err(|e| Refused::Disk(e.to_string()))?;
+        let kept = self.store.put(&job, self.next_id).map_err(|e| Refused::Disk(e.to_string()));
+        self.jobs.trouble(kept.is_err().then_some(UNWRITTEN));
+        kept?;
+        let before = self.job(job.id).map(|j| j.state());
+        if before != Some(job.state()) && job.state() != State::Failed {
+            let spec = job.spec.as_ref();
+            let (name, owner) = spec.map_or(("", ""), |s| (&s.name, &s.owner));
+            tracing::info!(target: FARM, "job {} '{name}' of {owner}: {}", job.id, state_name(job.state()));
+        }
         self.place(job.clone());
         Ok(job)
     }
@@ -148,7 +165,8 @@ impl Engine {
                 self.tidy();
                 self.choose();
             }
-            match self.asks.recv_timeout(look_at.saturating_duration_since(Instant::now())) {
+            let wait = look_at.saturating_duration_since(Instant::now()).min(self.give_up());
+            match self.asks.recv_timeout(wait) {
                 Ok(ask) => self.hear(ask),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
@@ -233,6 +251,11 @@ impl Engine {
             return Err(Refused::State(id, state_name(state), done));
         }
         job.set_state(to);
+        if state == State::Failed
+            && let Some(spec) = job.spec.as_mut().filter(|s| (1..=now_ms()).contains(&s.deadline_ms))
+        {
+            spec.deadline_ms = 0;
+        }
         job.failure.clear();
         job.ended_ms = if is_final(to) { now_ms() } else { 0 };
         let job = self.commit(job)?;
@@ -383,7 +406,7 @@ impl Engine {
         if is_final(job.state()) {
             return;
         }
-        tracing::error!("job {id} failed: {cause}");
+        tracing::error!(target: FARM, "job {id} failed: {cause}");
         job.set_state(State::Failed);
         job.failure = cause;
         job.ended_ms = now_ms();
@@ -402,7 +425,7 @@ impl Engine {
         };
         job.set_state(State::Done);
         job.ended_ms = now_ms();
-        job.result = Some(outcome(rendered, hash));
+        job.result = Some(Box::new(outcome(rendered, hash)));
         match self.commit(job) {
             Ok(_) => journal.remove(),
             Err(e) => {
@@ -410,57 +433,5 @@ impl Engine {
                 self.failed(id, e.to_string());
             }
         }
-    }
-
-    /// Forgets finished jobs that need not be kept, and scenes of no job.
-    fn tidy(&mut self) {
-        if self.keep == Keep::All {
-            return;
-        }
-        let size = |hash: &[u8]| {
-            let path = hash.try_into().map(|hash| self.store.pixels(hash));
-            path.ok().and_then(|path| std::fs::metadata(path).ok()).map_or(0, |m| m.len())
-        };
-        let finished: Vec<Finished> = self
-            .jobs
-            .entries()
-            .values()
-            .filter(|e| is_final(e.job.state()))
-            .map(|Entry { job, .. }| Finished {
-                id: job.id,
-                bytes: job.result.as_ref().map_or(0, |r| size(&r.pixels_sha256)),
-                ended_ms: job.ended_ms,
-                fetched: job.fetched_ms > 0 || job.state() != State::Done,
-            })
-            .collect();
-        let gone = self.keep.superfluous(&finished, now_ms());
-        if gone.is_empty() {
-            return;
-        }
-        if let Err(e) = self.store.remove(&gone) {
-            return tracing::error!("finished jobs cannot be forgotten: {e}");
-        }
-        let mut entries = self.jobs.entries();
-        let removed: Vec<Job> = gone.iter().filter_map(|id| entries.remove(id)).map(|e| e.job).collect();
-        let scene = |job: &Job| job.spec.as_ref().and_then(|s| s.scene.as_ref()).map(|s| s.sha256.clone());
-        let scenes: HashSet<_> = entries.values().filter_map(|e| scene(&e.job)).collect();
-        let pictures: HashSet<_> =
-            entries.values().filter_map(|e| e.job.result.as_ref()).map(|r| r.pixels_sha256.clone()).collect();
-        drop(entries);
-        self.finished.retain(|_, id| !gone.contains(id));
-        for job in &removed {
-            let _ = std::fs::remove_file(self.store.journal(job.id));
-            let pixels = job.result.as_ref().map(|r| &r.pixels_sha256).filter(|h| !pictures.contains(*h));
-            if let Some(Ok(hash)) = pixels.map(|h| h.as_slice().try_into()) {
-                let _ = std::fs::remove_file(self.store.pixels(hash));
-            }
-            if let Some(hash) = scene(job).filter(|h| !scenes.contains(h))
-                && let Ok(hash) = hash.try_into().map(SceneHash)
-            {
-                let _ = std::fs::remove_file(self.store.scene(hash));
-                let _ = self.orders.try_send(Order::Forget(hash));
-            }
-        }
-        self.jobs.changed.send_modify(|n| *n += 1);
     }
 }

@@ -21,7 +21,7 @@ use tessera_proto::control::{self, Job, Spec, State};
 use tokio::sync::{Semaphore, oneshot, watch};
 
 use crate::farm::{Canvas, Order, WorkerView};
-use crate::job::Progress;
+use crate::job::{Progress, WorkerStats};
 pub use keep::Keep;
 pub(crate) use spec::region_of;
 use store::Store;
@@ -30,6 +30,10 @@ pub(crate) use store::write_whole;
 
 /// Requests that change jobs and are under way, at most.
 const REQUESTS: usize = 256;
+
+/// What hinders a farm.
+const CLOSING: &str = "the farm is closing";
+const UNWRITTEN: &str = "the farm could not write its state";
 
 /// Why a job is not what was asked for.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -46,6 +50,9 @@ pub(crate) enum Refused {
     /// It is in no state to be changed so.
     #[error("job {0} is {1}: it cannot be {2}")]
     State(u64, &'static str, &'static str),
+    /// It is the one job of a single render.
+    #[error("this is a single render: it cannot be {0}, now or at all")]
+    Single(&'static str),
     /// It cannot be kept.
     #[error("the farm cannot write its state: {0}")]
     Disk(String),
@@ -103,6 +110,8 @@ struct Jobs {
     entries: Mutex<BTreeMap<u64, Entry>>,
     /// Counts changes.
     changed: watch::Sender<u64>,
+    /// Why nothing is taken now, or nothing is kept.
+    trouble: watch::Sender<Option<&'static str>>,
     /// The jobs that the farm renders, by the numbers its workers know them by.
     numbers: Mutex<BTreeMap<u64, u64>>,
 }
@@ -114,6 +123,19 @@ impl Jobs {
 
     fn numbers(&self) -> MutexGuard<'_, BTreeMap<u64, u64>> {
         self.numbers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Jobs {
+    fn trouble(&self, now: Option<&'static str>) {
+        // Once it is closing, it stays so.
+        self.trouble.send_if_modified(|before| {
+            let differs = *before != Some(CLOSING) && *before != now;
+            if differs {
+                *before = now;
+            }
+            differs
+        });
     }
 }
 
@@ -162,6 +184,22 @@ impl Queue {
 
     fn send(&self, ask: Ask) -> Result<(), Refused> {
         self.0.asks.lock().unwrap_or_else(PoisonError::into_inner).send(ask).map_err(|_| Refused::Closing)
+    }
+
+    /// Why jobs are not taken and rendered now, where that is so.
+    pub(crate) fn ready(&self) -> Result<(), &'static str> {
+        if self.0.views.lock().unwrap_or_else(PoisonError::into_inner).is_none() {
+            return Err("the farm does not serve yet");
+        }
+        match *self.0.jobs.trouble.borrow() {
+            None => Ok(()),
+            Some(why) => Err(why),
+        }
+    }
+
+    /// Waits until it is being closed.
+    pub(crate) async fn closing(&self) {
+        let _ = self.0.jobs.trouble.subscribe().wait_for(|t| *t == Some(CLOSING)).await;
     }
 
     /// Queues a job; it is on the disk when this answers.
@@ -225,7 +263,8 @@ impl Queue {
         let Some(views) = views else { return Vec::new() };
         let numbers = self.0.jobs.numbers();
         let views = views.borrow();
-        views.iter().map(|v| worker(v, v.job.and_then(|n| numbers.get(&n.0)).copied().unwrap_or(0))).collect()
+        let job = |v: &WorkerView| v.job.and_then(|n| numbers.get(&n.0)).copied().unwrap_or(0);
+        views.iter().map(|v| worker_of(&v.stats, job(v), v.draining)).collect()
     }
 
     /// Has a worker leave; `false` where there is none of this name.
@@ -262,6 +301,7 @@ impl Queue {
 
     /// Stops all jobs, what is done of them being kept, and waits until that is so.
     pub async fn close(&self) {
+        self.0.jobs.trouble(Some(CLOSING));
         let (reply, closed) = oneshot::channel();
         if self.send(Ask::Close(reply)).is_ok() {
             let _ = closed.await;
@@ -272,11 +312,12 @@ impl Queue {
 /// A job as users see it.
 fn shown(entry: &Entry) -> Job {
     let mut job = entry.job.clone();
-    job.progress = entry.progress.as_ref().map(|p| progress(&p.borrow()));
+    job.progress = entry.progress.as_ref().map(|p| Box::new(progress(&p.borrow())));
     job
 }
 
-fn progress(p: &Progress) -> control::Progress {
+/// Progress as users see it.
+pub(crate) fn progress(p: &Progress) -> control::Progress {
     control::Progress {
         share: p.share,
         pass: p.pass,
@@ -289,17 +330,18 @@ fn progress(p: &Progress) -> control::Progress {
         elapsed_us: micros(p.elapsed),
         remaining_us: p.remaining.map(micros),
         workers: p.workers.iter().filter(|w| w.connected).count() as u32,
+        error: p.error,
     }
 }
 
-fn worker(view: &WorkerView, job: u64) -> control::Worker {
-    let s = &view.stats;
+/// A worker as users see it, and for which job it renders; 0 for none.
+pub(crate) fn worker_of(s: &WorkerStats, job: u64, draining: bool) -> control::Worker {
     control::Worker {
         name: s.name.clone(),
         address: s.address.clone(),
         threads: s.threads,
         job,
-        draining: view.draining,
+        draining,
         tiles: s.tiles,
         pixels: s.pixels,
         rays: s.rays.total(),
@@ -313,7 +355,7 @@ fn micros(d: std::time::Duration) -> u64 {
 }
 
 /// Milliseconds since 1970.
-fn now_ms() -> u64 {
+pub(crate) fn now_ms() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| u64::try_from(d.as_millis()).unwrap_or(u64::MAX))
 }
 

@@ -107,6 +107,7 @@ pub(super) fn key(spec: &Spec) -> Option<[u8; 32]> {
         owner: String::new(),
         priority: 0,
         group: String::new(),
+        deadline_ms: 0,
         ..spec.clone()
     };
     let mut hash = Sha256::new();

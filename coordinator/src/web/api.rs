@@ -9,7 +9,8 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tessera_proto::control::{Job, Worker};
 
-use super::{Farm, Refusal, refusal};
+use super::source::Source;
+use super::{Refusal, Site, log, refusal};
 use crate::queue::{Change, Refused, state_name};
 
 /// Jobs, workers and tiles that one answer holds, at most.
@@ -20,7 +21,7 @@ impl From<Refused> for Refusal {
     fn from(refused: Refused) -> Self {
         let status = match refused {
             Refused::Unknown(_) => StatusCode::NOT_FOUND,
-            Refused::NoScene | Refused::State(..) => StatusCode::CONFLICT,
+            Refused::NoScene | Refused::State(..) | Refused::Single(_) => StatusCode::CONFLICT,
             Refused::Bad(_) => StatusCode::BAD_REQUEST,
             Refused::Disk(_) => StatusCode::INSUFFICIENT_STORAGE,
             Refused::Closing => StatusCode::SERVICE_UNAVAILABLE,
@@ -44,39 +45,39 @@ pub(super) struct Which {
 }
 
 /// Jobs in the order in which they came; the newest ones where none is named.
-pub(super) async fn jobs(State(farm): State<Farm>, which: Result<Query<Which>, QueryRejection>) -> Response {
+pub(super) async fn jobs(State(site): State<Site>, which: Result<Query<Which>, QueryRejection>) -> Response {
     let Ok(Query(which)) = which else {
         return refusal(StatusCode::BAD_REQUEST, "after and limit are numbers").into_response();
     };
     let limit = which.limit.unwrap_or(100).clamp(1, PAGE);
     let jobs = match which.after {
-        Some(after) => farm.queue.list(after, limit),
-        None => farm.queue.latest(limit),
+        Some(after) => site.farm.list(after, limit),
+        None => site.farm.latest(limit),
     };
-    let jobs: Vec<Value> = jobs.iter().map(job_json).collect();
-    Json(json!({ "jobs": jobs, "counts": farm.queue.counts() })).into_response()
+    let jobs: Vec<Value> = jobs.iter().map(|job| job_json(&*site.farm, job)).collect();
+    Json(json!({ "jobs": jobs, "counts": site.farm.counts() })).into_response()
 }
 
-pub(super) async fn job(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
-    let job = farm.queue.job(id(named)?)?;
-    Ok(Json(job_json(&job)))
+pub(super) async fn job(State(site): State<Site>, named: Id) -> Result<Json<Value>, Refusal> {
+    let job = site.farm.job(id(named)?)?;
+    Ok(Json(job_json(&*site.farm, &job)))
 }
 
-async fn change(farm: &Farm, named: Id, change: Change) -> Result<Json<Value>, Refusal> {
-    let job = farm.queue.change(id(named)?, change).await?;
-    Ok(Json(job_json(&job)))
+async fn change(site: &Site, named: Id, change: Change) -> Result<Json<Value>, Refusal> {
+    let job = site.farm.change(id(named)?, change).await?;
+    Ok(Json(job_json(&*site.farm, &job)))
 }
 
-pub(super) async fn pause(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
-    change(&farm, named, Change::Pause).await
+pub(super) async fn pause(State(site): State<Site>, named: Id) -> Result<Json<Value>, Refusal> {
+    change(&site, named, Change::Pause).await
 }
 
-pub(super) async fn resume(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
-    change(&farm, named, Change::Resume).await
+pub(super) async fn resume(State(site): State<Site>, named: Id) -> Result<Json<Value>, Refusal> {
+    change(&site, named, Change::Resume).await
 }
 
-pub(super) async fn cancel(State(farm): State<Farm>, named: Id) -> Result<Json<Value>, Refusal> {
-    change(&farm, named, Change::Cancel).await
+pub(super) async fn cancel(State(site): State<Site>, named: Id) -> Result<Json<Value>, Refusal> {
+    change(&site, named, Change::Cancel).await
 }
 
 /// From which tile on.
@@ -87,14 +88,14 @@ pub(super) struct Since {
 
 /// Who rendered the tiles of a job that is being rendered, and what they cost.
 pub(super) async fn tiles(
-    State(farm): State<Farm>,
+    State(site): State<Site>,
     named: Id,
     since: Result<Query<Since>, QueryRejection>,
 ) -> Result<Json<Value>, Refusal> {
     let number = id(named)?;
-    farm.queue.job(number)?;
+    site.farm.job(number)?;
     let Ok(Query(since)) = since else { return Err(refusal(StatusCode::BAD_REQUEST, "since is a number")) };
-    let canvas = farm.queue.canvas(number);
+    let canvas = site.farm.canvas(number);
     let (first, notes) = canvas.map_or((0, Vec::new()), |canvas| canvas.notes(since.since.unwrap_or(0), TILES));
     let tiles: Vec<Value> = notes
         .iter()
@@ -113,14 +114,29 @@ pub(super) async fn tiles(
     Ok(Json(json!({ "first": first, "next": first + tiles.len() as u64, "tiles": tiles })))
 }
 
-pub(super) async fn workers(State(farm): State<Farm>) -> Json<Value> {
-    let workers = farm.queue.workers();
-    let shown: Vec<Value> = workers.iter().take(PAGE).map(worker_json).collect();
-    Json(json!({ "workers": shown, "count": workers.len() }))
+/// The error of the picture as it was earned.
+pub(super) async fn curve(State(site): State<Site>, named: Id) -> Result<Json<Value>, Refusal> {
+    let number = id(named)?;
+    site.farm.job(number)?;
+    let curve = site.farm.canvas(number).map_or_else(Vec::new, |canvas| canvas.curve());
+    let (seconds, errors): (Vec<f64>, Vec<f64>) = curve.into_iter().unzip();
+    Ok(Json(json!({ "seconds": seconds, "error_steps": errors })))
 }
 
-pub(super) async fn drain(State(farm): State<Farm>, Path(name): Path<String>) -> Response {
-    if farm.queue.drain(&name).await {
+/// What happened, in the farm's words.
+pub(super) async fn log(since: Result<Query<Since>, QueryRejection>) -> Result<Json<Value>, Refusal> {
+    let Ok(Query(since)) = since else { return Err(refusal(StatusCode::BAD_REQUEST, "since is a number")) };
+    Ok(Json(log::since(since.since.unwrap_or(0), PAGE)))
+}
+
+pub(super) async fn workers(State(site): State<Site>) -> Json<Value> {
+    let workers = site.farm.workers();
+    let shown: Vec<Value> = workers.iter().take(PAGE).map(worker_json).collect();
+    Json(json!({ "workers": shown, "count": workers.len(), "can_drain": site.farm.can_drain() }))
+}
+
+pub(super) async fn drain(State(site): State<Site>, Path(name): Path<String>) -> Response {
+    if site.farm.drain(&name).await {
         Json(json!({ "name": name })).into_response()
     } else {
         refusal(StatusCode::NOT_FOUND, "there is no worker of this name").into_response()
@@ -128,7 +144,7 @@ pub(super) async fn drain(State(farm): State<Farm>, Path(name): Path<String>) ->
 }
 
 /// A job as JSON: what the OpenAPI document calls `Job`.
-pub(super) fn job_json(job: &Job) -> Value {
+pub(super) fn job_json(farm: &dyn Source, job: &Job) -> Value {
     let spec = job.spec.clone().unwrap_or_default();
     let time = |n: u64| (n > 0).then_some(n);
     let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
@@ -141,11 +157,13 @@ pub(super) fn job_json(job: &Job) -> Value {
         "group": spec.group,
         "region": spec.region.map(|r| [r.x0, r.y0, r.x1, r.y1]),
         "target_steps": (spec.max_error > 0.0).then_some(255.0 * spec.max_error),
+        "deadline_ms": time(spec.deadline_ms),
         "submitted_ms": job.submitted_ms,
         "started_ms": time(job.started_ms),
         "ended_ms": time(job.ended_ms),
         "failure": (!job.failure.is_empty()).then_some(&job.failure),
         "same_as": time(job.same_as),
+        "actions": farm.actions(job.state()),
         "progress": job.progress.as_ref().map(|p| json!({
             "share": p.share,
             "pass": p.pass,
@@ -158,6 +176,7 @@ pub(super) fn job_json(job: &Job) -> Value {
             "elapsed_seconds": p.elapsed_us as f64 / 1e6,
             "remaining_seconds": p.remaining_us.map(|us| us as f64 / 1e6),
             "workers": p.workers,
+            "error_steps": p.error.map(|error| 255.0 * error),
         })),
         "result": job.result.as_ref().map(|r| json!({
             "pixels_sha256": hex(&r.pixels_sha256),

@@ -14,7 +14,7 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 
 use super::api::job_json;
-use super::{Farm, refusal};
+use super::{Site, log, refusal};
 
 /// Between two events: what happens meanwhile is told together.
 const EVERY: Duration = Duration::from_millis(200);
@@ -25,22 +25,23 @@ pub(super) struct Watched {
     job: Option<u64>,
 }
 
-pub(super) async fn events(State(farm): State<Farm>, watched: Result<Query<Watched>, QueryRejection>) -> Response {
+pub(super) async fn events(State(site): State<Site>, watched: Result<Query<Watched>, QueryRejection>) -> Response {
     let Ok(Query(Watched { job })) = watched else {
         return refusal(StatusCode::BAD_REQUEST, "a job is named by its number").into_response();
     };
     // One that does not read gets the next word when it does: nothing piles up.
     let (out, events) = mpsc::channel::<Result<Event, Infallible>>(1);
     tokio::spawn(async move {
-        let changes = farm.queue.changes();
         let mut said = String::new();
+        let mut last = false;
         loop {
-            let shown = job.and_then(|id| farm.queue.job(id).ok());
+            let shown = job.and_then(|id| site.farm.job(id).ok());
             let now = json!({
-                "changes": *changes.borrow(),
-                "workers": farm.queue.worker_count(),
-                "job": shown.as_ref().map(job_json),
-                "tiles": job.and_then(|id| farm.queue.canvas(id)).map(|c| c.tiles()),
+                "changes": site.farm.changes(),
+                "workers": site.farm.worker_count(),
+                "job": shown.as_ref().map(|job| job_json(&*site.farm, job)),
+                "log": log::next(),
+                "tiles": job.and_then(|id| site.farm.canvas(id)).map(|c| c.tiles()),
             })
             .to_string();
             if now != said {
@@ -49,10 +50,13 @@ pub(super) async fn events(State(farm): State<Farm>, watched: Result<Query<Watch
                 }
                 said = now;
             }
+            if last {
+                return;
+            }
             tokio::select! {
                 () = tokio::time::sleep(EVERY) => {}
                 () = out.closed() => return,
-                () = farm.stop.cancelled() => return,
+                () = site.stop.cancelled() => last = true,
             }
         }
     });

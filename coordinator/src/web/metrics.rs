@@ -6,9 +6,9 @@ use axum::extract::State;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 
-use super::Farm;
+use super::Site;
 
-pub(super) async fn metrics(State(farm): State<Farm>) -> Response {
+pub(super) async fn metrics(State(site): State<Site>) -> Response {
     let mut text = String::new();
     let mut family = |name: &str, kind: &str, help: &str, rows: Vec<(String, f64)>| {
         let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
@@ -16,10 +16,10 @@ pub(super) async fn metrics(State(farm): State<Farm>) -> Response {
             let _ = writeln!(text, "{name}{labels} {value}");
         }
     };
-    let counts = farm.queue.counts();
+    let counts = site.farm.counts();
     let states = counts.iter().map(|(state, count)| (format!("{{state=\"{state}\"}}"), *count as f64)).collect();
     family("tessera_jobs", "gauge", "Jobs by state.", states);
-    let workers = farm.queue.workers();
+    let workers = site.farm.workers();
     let one = |value: f64| vec![(String::new(), value)];
     let sum = |of: fn(&tessera_proto::control::Worker) -> u64| workers.iter().map(of).sum::<u64>() as f64;
     family("tessera_workers", "gauge", "Workers that are connected.", one(workers.len() as f64));
@@ -32,5 +32,7 @@ pub(super) async fn metrics(State(farm): State<Farm>) -> Response {
     family("tessera_rays_traced", "gauge", "Rays by connected workers.", one(sum(|w| w.rays)));
     let seconds = sum(|w| w.busy_us) / 1e6;
     family("tessera_render_seconds", "gauge", "Seconds that connected workers rendered for.", one(seconds));
+    let refused = site.strangers.total() as f64;
+    family("tessera_refused_total", "counter", "Calls and logins without the right token.", one(refused));
     ([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }

@@ -16,10 +16,10 @@ use tessera_proto::control::{Job, State as JobState};
 use tessera_proto::{PixelFormat, Pixels};
 
 use super::api::{Id, id};
-use super::{Farm, Refusal, refusal};
+use super::source::Source;
+use super::{Refusal, Site, refusal};
 use crate::farm::{Seen, look};
-use crate::journal::Partial;
-use crate::queue::{Queue, region_of};
+use crate::queue::region_of;
 
 /// Edge of a picture that is made here, at most.
 const MAX_EDGE: u32 = 4096;
@@ -67,16 +67,16 @@ fn region(text: &str) -> Option<Region> {
 }
 
 /// What is seen of a job's picture, from wherever it is.
-fn seen(queue: &Queue, job: &Job, form: &Form, region: &Region, size: (u32, u32)) -> Option<Seen> {
-    if let Some(seen) = queue.canvas(job.id).and_then(|canvas| canvas.look(region, size.0, size.1)) {
+fn seen(farm: &dyn Source, job: &Job, form: &Form, region: &Region, size: (u32, u32)) -> Option<Seen> {
+    if let Some(seen) = farm.canvas(job.id).and_then(|canvas| canvas.look(region, size.0, size.1)) {
         return Some(seen);
     }
     if job.state() == JobState::Done {
-        let rows = rows(&queue.pixels_path(job)?, form, region)?;
+        let rows = rows(&farm.stored(job)?, form, region)?;
         let held = Region { x0: form.whole.x0, y0: region.y0, x1: form.whole.x1, y1: region.y1 };
         return look(&rows, &held, region, size);
     }
-    let partial = Partial::read(&queue.journal_path(job.id)).ok()?;
+    let partial = farm.partial(job.id)?;
     look(&partial.image, &partial.region, region, size)
 }
 
@@ -102,11 +102,11 @@ fn codes(seen: Seen, transfer: Transfer) -> Vec<[u8; 3]> {
 }
 
 pub(super) async fn png(
-    State(farm): State<Farm>,
+    State(site): State<Site>,
     named: Id,
     part: Result<Query<Part>, QueryRejection>,
 ) -> Result<Response, Refusal> {
-    let job = farm.queue.job(id(named)?)?;
+    let job = site.farm.job(id(named)?)?;
     let Ok(Query(part)) = part else { return Err(bad("width and height are numbers")) };
     let form = Form::of(&job).ok_or_else(|| bad("the job has no picture"))?;
     let region = match &part.region {
@@ -119,10 +119,10 @@ pub(super) async fn png(
     let width = part.width.unwrap_or(region.width()).clamp(1, MAX_EDGE);
     let even = (u64::from(width) * u64::from(region.height())).div_ceil(u64::from(region.width())) as u32;
     let height = part.height.unwrap_or(even).clamp(1, MAX_EDGE);
-    let _permit = farm.pictures.acquire().await.map_err(|_| refusal(StatusCode::SERVICE_UNAVAILABLE, "closing"))?;
-    let queue = farm.queue.clone();
+    let _permit = site.pictures.acquire().await.map_err(|_| refusal(StatusCode::SERVICE_UNAVAILABLE, "closing"))?;
+    let farm = site.farm.clone();
     let made = tokio::task::spawn_blocking(move || {
-        let seen = seen(&queue, &job, &form, &region, (width, height))?;
+        let seen = seen(&*farm, &job, &form, &region, (width, height))?;
         let codes = codes(seen, form.transfer);
         let mut file = Vec::new();
         let mut encoder = png::Encoder::new(&mut file, width, height);
@@ -142,18 +142,18 @@ pub(super) async fn png(
 }
 
 pub(super) async fn pixel(
-    State(farm): State<Farm>,
+    State(site): State<Site>,
     named: Id,
     at: Result<Query<At>, QueryRejection>,
 ) -> Result<Response, Refusal> {
-    let job = farm.queue.job(id(named)?)?;
+    let job = site.farm.job(id(named)?)?;
     let Ok(Query(At { x, y })) = at else { return Err(bad("x and y are numbers")) };
     let form = Form::of(&job).ok_or_else(|| bad("the job has no picture"))?;
     let one = Region::new(x, y, x.saturating_add(1), y.saturating_add(1)).filter(|r| form.whole.contains(r));
     let one = one.ok_or_else(|| bad("the pixel is outside the picture"))?;
-    let queue = farm.queue.clone();
+    let farm = site.farm.clone();
     let found = tokio::task::spawn_blocking(move || {
-        let seen = seen(&queue, &job, &form, &one, (1, 1))?;
+        let seen = seen(&*farm, &job, &form, &one, (1, 1))?;
         let linear = if let Seen::Linear(pixels) = &seen { pixels.first().copied() } else { None };
         Some((linear, codes(seen, form.transfer).first().copied()))
     });

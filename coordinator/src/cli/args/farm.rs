@@ -1,6 +1,7 @@
 //! Flags of the commands around a farm that stays.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args as ClapArgs;
 use coordinator::Keep;
@@ -29,7 +30,7 @@ pub(crate) struct Serve {
     /// Where workers and users are awaited: HOST[:PORT] or PORT
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:4747")]
     pub(crate) listen: String,
-    /// Where the page and the interface for machines are, on this machine alone: 127.0.0.1:PORT, or 'none'
+    /// Where the page and the interface for machines are: HOST:PORT, PORT for this machine alone, or 'none'; beyond this machine, with TLS and the users' token
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080")]
     pub(crate) http: String,
     /// Keep finished jobs for so long (30d), or pictures of so many bytes together (20G); none goes in its first day that nobody fetched [default: all of them]
@@ -70,6 +71,9 @@ pub(crate) struct Submit {
     /// Of an owner's jobs, those of a higher priority come first: -1000 to 1000
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(i32).range(-1000..=1000), allow_hyphen_values = true, help_heading = "Job")]
     pub(crate) priority: i32,
+    /// Give it up when it is not done after so long (90s, 2h); what is done is kept, and 'resume' goes on without one
+    #[arg(long, value_name = "D", value_parser = super::duration, help_heading = "Job")]
+    pub(crate) deadline: Option<Duration>,
     /// Wait until all are done
     #[arg(long, help_heading = "Job")]
     pub(crate) wait: bool,
@@ -82,6 +86,9 @@ pub(crate) struct Submit {
 pub(crate) struct Jobs {
     /// Only this one
     pub(crate) id: Option<u64>,
+    /// Print the numbers alone, for a shell's completion
+    #[arg(long, hide = true)]
+    pub(crate) ids: bool,
     /// Say it again whenever it changed, until all are done
     #[arg(long)]
     pub(crate) watch: bool,

@@ -23,6 +23,7 @@ impl Run {
             region,
             worker: name.into(),
             pass: self.passes.at_hand().0,
+            so_far: self.passes.error_so_far().map(|error| (self.start.elapsed().as_secs_f64(), 255.0 * error)),
             error: (done.error.pixels > 0).then(|| 255.0 * done.error.expected_rmse()),
             rays: done.rays.total(),
             busy_us: u64::try_from(done.busy.as_micros()).unwrap_or(u64::MAX),
@@ -47,6 +48,7 @@ impl Run {
     pub(super) fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
         let (tiles_total, earlier, elapsed) =
             (self.scheduler.tiles_estimate(), self.tiles_of_pass, self.start.elapsed());
+        let error = self.passes.error_so_far();
         self.pace.add(self.passes.work(&region));
         let (share, remaining) = self.pace.tell(elapsed);
         let place = self.members.get(&worker).map(|m| m.place);
@@ -56,7 +58,7 @@ impl Run {
             p.tiles_total = (tiles_total + earlier).max(p.tiles_done);
             p.pixels_done += region.area();
             p.rays += done.rays;
-            (p.elapsed, p.share, p.remaining) = (elapsed, share, remaining);
+            (p.elapsed, p.share, p.remaining, p.error) = (elapsed, share, remaining, error);
             if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
                 w.tiles += 1;
                 w.pixels += region.area();
