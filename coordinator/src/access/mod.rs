@@ -104,7 +104,7 @@ pub(crate) struct Guarded {
 
 /// Where the page's certificate comes from.
 enum Certifier {
-    Authority(Authority),
+    Authority(Box<Authority>),
     Pki(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>),
 }
 
@@ -143,7 +143,7 @@ impl Access {
         let pin = authority.pin();
         let token = Some(TokenSource::open(token, pin)?);
         let tls = server_config(chain, key, Arc::new(NoClientAuth), GRPC)?;
-        let certifier = Certifier::Authority(authority);
+        let certifier = Certifier::Authority(Box::new(authority));
         Ok(Self { guard: Some(Arc::new(Guarded { tls, certifier, pin, token, user: None })) })
     }
 

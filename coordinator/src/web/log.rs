@@ -17,7 +17,7 @@ use crate::queue::now_ms;
 
 /// Lines that are kept.
 const LINES: usize = 1000;
-/// Bytes of a line, about.
+/// Characters of a line.
 const LENGTH: usize = 500;
 
 #[derive(Debug)]
@@ -52,8 +52,8 @@ impl<S: Subscriber> Layer<S> for Keeper {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let mut words = Words(String::new());
         event.record(&mut words);
-        words.0.truncate(words.0.floor_char_boundary(LENGTH));
-        let line = Line { at_ms: now_ms(), level: *event.metadata().level(), text: words.0 };
+        let text = words.0.chars().take(LENGTH).collect();
+        let line = Line { at_ms: now_ms(), level: *event.metadata().level(), text };
         let mut kept = kept();
         if kept.lines.len() >= LINES {
             kept.lines.pop_front();

@@ -141,7 +141,7 @@ async fn first_lease() {
         let id = farm.calls.submit(spec).await.unwrap().into_inner().id;
         loop {
             match fake.hear().await.unwrap().unwrap() {
-                Hear::Job(job) => fake.say(Say::Ready(Ready { job: job.job, ..Ready::default() })).await,
+                Hear::Job(job) => fake.say(Say::Ready(Ready { job: job.job })).await,
                 Hear::Lease(_) => break,
                 _ => {}
             }
