@@ -108,8 +108,7 @@ pub struct RenderJob {
     pub patience: Patience,
     /// How long other things may take.
     pub timing: Timing,
-    /// Where what is done is kept, if anywhere, and what an earlier run left there. Not used where tiles are verified:
-    /// they may have to be taken back.
+    /// Where what is done is kept, if anywhere, and what an earlier run left there.
     pub journal: Option<Arc<Journal>>,
     /// Where the picture is while it is made, if it is large.
     pub scratch: Scratch,
@@ -212,6 +211,8 @@ pub struct WorkerStats {
     pub busy: Duration,
     /// Tiles it was given and did not deliver: failed, late or lost with it.
     pub lost: u64,
+    /// Tiles of it that were rendered again elsewhere and found to be the same.
+    pub verified: u64,
     /// Why it left, where it left before the end.
     pub left: Option<String>,
 }

@@ -16,10 +16,13 @@ use rustix::process::Signal;
 use serde_json::Value;
 use tessera_tests::process::Process;
 use tessera_tests::program::{Running, coordinator, run, scene};
+use tokio::time::timeout;
 use tokio_stream::StreamExt;
 
 /// Longer than anything here takes.
-const NEVER: Duration = Duration::from_secs(60);
+const NEVER: Duration = Duration::from_secs(120);
+/// How long one question to the browser may take: it may be lost where a page is just being loaded.
+const SOON: Duration = Duration::from_secs(20);
 
 /// Where Chromium is; where it is not, the test cannot judge.
 fn chromium() -> Option<PathBuf> {
@@ -56,15 +59,21 @@ impl Watcher {
         let (browser, mut handler) = Browser::launch(config).await.unwrap();
         // What it does not understand of a newer browser's words is of no use here.
         tokio::spawn(async move { while handler.next().await.is_some() {} });
-        let page = browser.new_page(url).await.unwrap();
-        Self { _browser: browser, _profile: profile, page }
+        // It takes certificates that nobody knows only once there is a page.
+        let page = browser.new_page("about:blank").await.unwrap();
+        let watcher = Self { _browser: browser, _profile: profile, page };
+        let start = Instant::now();
+        while timeout(SOON, watcher.page.goto(url)).await.is_err() {
+            assert!(start.elapsed() < NEVER, "{url} is never loaded");
+        }
+        watcher
     }
 
     /// What a script gives; null where it fails, as it does while another page is loaded.
     async fn eval(&self, script: &str) -> Value {
-        match self.page.evaluate(format!("(() => {{ {script} }})()")).await {
-            Ok(result) => result.value().cloned().unwrap_or(Value::Null),
-            Err(_) => Value::Null,
+        match timeout(SOON, self.page.evaluate(format!("(() => {{ {script} }})()"))).await {
+            Ok(Ok(result)) => result.value().cloned().unwrap_or(Value::Null),
+            Ok(Err(_)) | Err(_) => Value::Null,
         }
     }
 
@@ -112,8 +121,19 @@ fn free() -> String {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
 }
 
+/// Does not wait for threads that read what a browser says, however a test ends.
+struct Runtime(Option<tokio::runtime::Runtime>);
+
+impl Drop for Runtime {
+    fn drop(&mut self) {
+        self.0.take().unwrap().shutdown_background();
+    }
+}
+
 fn on_runtime(work: impl Future<Output = ()>) {
-    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap().block_on(work);
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    let runtime = Runtime(Some(runtime.unwrap()));
+    runtime.0.as_ref().unwrap().block_on(work);
 }
 
 /// A farm that can be killed and started again, and its worker, which outlasts it.

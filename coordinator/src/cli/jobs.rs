@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use coordinator::web::worker_json;
 use serde_json::{Value, json};
 use tessera_proto::control::{Job, State, Worker};
 use tessera_proto::convert::printable;
@@ -184,21 +185,6 @@ fn as_json(job: &Job) -> Value {
         "workers": job.progress.as_ref().map(|p| p.workers),
         "pixels_sha256": job.result.as_ref().map(|r| r.pixels_sha256.iter().map(|b| format!("{b:02x}")).collect::<String>()),
         "target_met": job.result.as_ref().and_then(|r| r.target_met),
-    })
-}
-
-fn worker_json(w: &Worker) -> Value {
-    json!({
-        "name": w.name,
-        "address": w.address,
-        "threads": w.threads,
-        "job": (w.job > 0).then_some(w.job),
-        "draining": w.draining,
-        "tiles": w.tiles,
-        "pixels": w.pixels,
-        "rays": w.rays,
-        "busy_seconds": w.busy_us as f64 / 1e6,
-        "lost": w.lost,
     })
 }
 

@@ -102,6 +102,7 @@ pub(super) fn outcome(rendered: &Rendered, hash: [u8; 32]) -> Outcome {
                 rays: w.rays.total(),
                 busy_us: micros(w.busy),
                 lost: w.lost,
+                verified: w.verified,
                 ..control::Worker::default()
             })
             .collect(),

@@ -347,6 +347,7 @@ pub(crate) fn worker_of(s: &WorkerStats, job: u64, draining: bool) -> control::W
         rays: s.rays.total(),
         busy_us: micros(s.busy),
         lost: s.lost,
+        verified: s.verified,
     }
 }
 

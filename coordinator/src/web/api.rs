@@ -190,7 +190,8 @@ pub(super) fn job_json(farm: &dyn Source, job: &Job) -> Value {
 }
 
 /// A worker as JSON: what the OpenAPI document calls `Worker`.
-fn worker_json(w: &Worker) -> Value {
+#[must_use]
+pub fn worker_json(w: &Worker) -> Value {
     json!({
         "name": w.name,
         "address": w.address,
@@ -202,5 +203,6 @@ fn worker_json(w: &Worker) -> Value {
         "rays": w.rays,
         "busy_seconds": w.busy_us as f64 / 1e6,
         "lost": w.lost,
+        "verified": w.verified,
     })
 }

@@ -31,6 +31,7 @@ use tokio_util::sync::CancellationToken;
 use crate::access::{Access, AccessError};
 use crate::farm::Strangers;
 use crate::queue::Queue;
+pub use api::worker_json;
 use login::Lock;
 pub use single::Single;
 use source::Source;

@@ -186,7 +186,15 @@ impl Run {
             checker: closed.checker.map(|id| self.name_of(id)),
             agreed: closed.liars.is_empty(),
         };
-        self.passes.checked(&checked, !closed.liars.contains(&closed.maker));
+        let holds = !closed.liars.contains(&closed.maker);
+        if let Some(place) = self.roster.place(closed.maker).filter(|_| holds) {
+            self.progress.send_modify(|p| {
+                if let Some(w) = p.workers.get_mut(place) {
+                    w.verified += 1;
+                }
+            });
+        }
+        self.passes.checked(&checked, holds);
         self.verification.checks.push(checked);
         for &liar in &closed.liars {
             let end = self.throw_out(liar, closed.region).await;

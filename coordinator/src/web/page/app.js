@@ -84,7 +84,7 @@ function workerRow(worker, canDrain) {
   if (canDrain && !worker.draining) actions.append(button('drain', `have ${worker.name} leave`, () => post(`workers/${encodeURIComponent(worker.name)}/drain`)));
   row.append(element('td', worker.name, { class: 'name', title: worker.address }), element('td', worker.threads),
     element('td', worker.draining ? 'leaving' : worker.job ?? 'idle'), element('td', mega(known.past.at(-1) ?? 0)), over,
-    element('td', worker.tiles), element('td', worker.lost), actions);
+    element('td', worker.tiles), element('td', worker.verified || ''), element('td', worker.lost || ''), actions);
   return row;
 }
 
@@ -130,7 +130,8 @@ async function hear(next) {
 
 function figures(job) {
   const p = job.progress, r = job.result;
-  const rows = { state: job.state, owner: job.owner };
+  const rows = { state: job.state };
+  if (job.owner) rows.owner = job.owner;
   if (job.region) rows.size = `${job.region[2] - job.region[0]} × ${job.region[3] - job.region[1]}`;
   if (p?.error_steps != null) rows['error so far'] = `${+p.error_steps.toPrecision(3)} steps`;
   if (job.target_steps) rows['error asked for'] = `${+job.target_steps.toPrecision(3)} steps`;
