@@ -2,6 +2,7 @@
 
 pub mod access;
 mod farm;
+pub mod fleet;
 mod job;
 pub mod journal;
 pub mod measure;

@@ -8,6 +8,8 @@
 pub mod callgrind;
 pub mod cluster;
 pub mod compare;
+#[cfg(unix)]
+pub mod engine;
 pub mod exact;
 pub mod fake;
 pub mod fuzz;

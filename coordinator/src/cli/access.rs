@@ -125,6 +125,12 @@ impl AccessFlags {
             .map_or(Ok(()), |state| state.files().iter().try_for_each(|(what, path)| files.reads(what, path)))
     }
 
+    /// Whether a listener there asks for a token.
+    pub(crate) fn asks(&self, listen: SocketAddr) -> bool {
+        let asked = self.token_file.is_some() || self.tls_cert.is_some();
+        !self.insecure && (asked || !listen.ip().to_canonical().is_loopback())
+    }
+
     /// What to type elsewhere. The token itself is for a terminal alone: other outputs are kept and read by others.
     pub(crate) fn invitation(&self, addr: SocketAddr, access: &Access) -> String {
         let host = if addr.ip().is_unspecified() {

@@ -1,6 +1,7 @@
 //! The command line as it is written; [`super::options`] makes sense of it.
 
 mod farm;
+mod fleet;
 mod help;
 
 use std::path::PathBuf;
@@ -16,8 +17,9 @@ use worker::Address;
 use super::access::{AccessFlags, PictureFlags, TokenCommand};
 
 pub(crate) use farm::{ChangeJob, FarmFlags, Fetch, Jobs, Serve, Submit, Workers};
+pub(crate) use fleet::{Fleet, FleetFlags, OwnFleet};
 
-use help::{RENDER_EXAMPLES, RENDER_MORE};
+use help::{FLEET_EXAMPLES, RENDER_EXAMPLES, RENDER_MORE};
 
 const STYLES: Styles = Styles::styled()
     .header(AnsiColor::Green.on_default().bold())
@@ -56,6 +58,9 @@ pub(crate) enum Command {
         coordinator serve --state ~/farm --workers 2            this machine renders, too\n\n\
         Ctrl-C stops it, and so may anything else: started again, it goes on where it was.")]
     Serve(Serve),
+    /// Have an engine start workers for a farm that runs already
+    #[command(after_help = FLEET_EXAMPLES)]
+    Fleet(Box<Fleet>),
     /// Hand scenes to a farm that stays; prints the jobs' numbers
     #[command(after_help = "Examples:\n  \
         coordinator submit scene.xml --farm big-machine --size 1920x1080\n  \
@@ -200,9 +205,11 @@ pub(crate) struct Render {
     #[arg(long, value_name = "D|forever", value_parser = patience, allow_hyphen_values = true, help_heading = "Farm")]
     pub(crate) wait_for_workers: Option<Duration>,
     #[command(flatten)]
+    pub(crate) fleet: OwnFleet,
+    #[command(flatten)]
     pub(crate) access: AccessFlags,
     /// Have a farm that stays render it: HOST[:PORT], as 'coordinator serve' listens
-    #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["listen", "http", "workers", "wait_for_workers", "tls_cert", "insecure", "restart", "journal"], help_heading = "Farm")]
+    #[arg(long, value_name = "HOST[:PORT]", conflicts_with_all = ["listen", "http", "fleet", "workers", "wait_for_workers", "tls_cert", "insecure", "restart", "journal"], help_heading = "Farm")]
     pub(crate) farm: Option<Address>,
 
     /// Keep what is done in FILE, from where the same command goes on after whatever ended it; 'none' keeps nothing [default: OUTPUT.journal, as soon as a render takes 2 s; it goes when the picture is written]

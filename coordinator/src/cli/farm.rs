@@ -48,6 +48,14 @@ fn failed(e: impl std::fmt::Display) -> Failure {
     Failure::new(Exit::Failed, e)
 }
 
+/// Who listens where a farm is looked for.
+pub(super) enum Reached {
+    /// A farm that stays.
+    Farm(Client),
+    /// A render of one picture.
+    Render,
+}
+
 /// What a refusal means to whoever typed the command.
 fn refused(status: &Status) -> Failure {
     let said = cause(status.message());
@@ -94,6 +102,16 @@ impl Client {
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES);
         Ok(Self { calls })
+    }
+
+    /// Connects to whatever farm is there.
+    pub(super) async fn reach(flags: &FarmFlags) -> Result<Reached, Failure> {
+        let mut client = Self::connect(flags).await?;
+        match client.calls.list_workers(ListWorkersRequest {}).await {
+            Ok(_) => Ok(Reached::Farm(client)),
+            Err(e) if e.code() == Code::Unimplemented => Ok(Reached::Render),
+            Err(e) => Err(refused(&e)),
+        }
     }
 
     /// Makes sure that the farm has a scene; gives its name there.

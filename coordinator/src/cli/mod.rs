@@ -14,6 +14,7 @@ mod farm;
 mod fetch;
 mod files;
 mod finish;
+mod fleet;
 mod jobs;
 mod journal;
 mod measure;
@@ -63,6 +64,7 @@ pub(crate) fn run() -> Exit {
     let done = match args.command {
         Command::Render(raw) => render::run(*raw, &console, began),
         Command::Serve(raw) => serve::run(&raw, &console),
+        Command::Fleet(raw) => fleet::run(&raw, &console),
         Command::Submit(raw) => submit::run(*raw, &console),
         Command::Jobs(raw) => jobs::list(&raw, &console),
         Command::Workers(raw) => jobs::workers(&raw, &console),

@@ -10,7 +10,7 @@ use tessera_core::film::file::{Depth, Output};
 use tessera_core::settings::{Quality, Sampling, Settings, View};
 
 use super::access::AccessFlags;
-use super::args::{PatternArg, ProgressArg, Render, TileArg, ViewFlags};
+use super::args::{OwnFleet, PatternArg, ProgressArg, Render, TileArg, ViewFlags};
 use super::exit::{Exit, Failure};
 
 /// The port where a listener gives none.
@@ -35,6 +35,8 @@ pub(crate) struct Options {
     pub(crate) http: String,
     pub(crate) patience: Patience,
     pub(crate) access: AccessFlags,
+    /// Workers that an engine starts.
+    pub(crate) fleet: OwnFleet,
     /// Share of the tiles that are rendered twice, 0 to 1.
     pub(crate) verify: f64,
     /// Folders that pictures are taken from beside the scene's own.
@@ -160,6 +162,7 @@ impl Options {
             (Some(Depth::Sixteen), None) => PixelFormat::Rgb16,
             _ => PixelFormat::F32,
         };
+        raw.fleet.check(raw.listen.is_some())?;
         let journal = super::journal::place(raw.journal, &path);
         let workers = raw.workers.map_or(if raw.listen.is_some() { 0 } else { 2 }, usize::from);
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -176,10 +179,16 @@ impl Options {
             threads: raw.threads.map_or_else(cores, usize::from),
             listen: raw.listen,
             http: raw.http,
-            patience: raw.wait_for_workers.map_or_else(Patience::default, Patience::from),
+            patience: match raw.wait_for_workers {
+                Some(time) => time.into(),
+                // An engine starts workers when it is their turn, and says itself what it does not take.
+                None if raw.fleet.fleet.is_some() => Duration::MAX.into(),
+                None => Patience::default(),
+            },
             journal,
             restart: raw.restart,
             access: raw.access,
+            fleet: raw.fleet,
             verify: raw.view.verify,
             pictures: raw.pictures.allow_pictures,
             report,

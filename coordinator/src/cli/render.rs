@@ -4,6 +4,7 @@ use std::future::Future;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use coordinator::access::Access;
 use coordinator::journal::Journal;
 use coordinator::web::{Page, Single};
 use coordinator::{Farm, Goal, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch, Unfinished};
@@ -22,6 +23,7 @@ use super::describe::Description;
 use super::exit::{Exit, Failure};
 use super::files::Files;
 use super::finish::Rest;
+use super::fleet::Own;
 use super::options::{Accuracy, Options, ReportTo, resolve};
 use super::page::{self, Readers};
 use super::report::Phases;
@@ -29,9 +31,30 @@ use super::{journal, progress, remote, scene, signals};
 
 /// Renders as the flags say; `began` is when the program started.
 pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit, Failure> {
+    let mut fleet = None;
+    let done = run_with(raw, &mut fleet, (console, began));
+    // The picture is written: whatever the engine does now, it is there.
+    match (done, fleet.map_or(Ok(()), Own::end)) {
+        // Nobody interrupted it: it was given up for want of workers.
+        (Err(Failure { exit: Exit::Interrupted, .. }), Err(refused)) if refused.exit == Exit::NoWorkers => Err(refused),
+        (done, Ok(())) => done,
+        (done, Err(left)) => {
+            console.warning(&left.message);
+            done
+        }
+    }
+}
+
+/// Renders; `fleet` is where workers are that an engine starts for it, whatever ends it.
+fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, Instant)) -> Result<Exit, Failure> {
     let options = Arc::new(Options::new(raw)?);
     for note in &options.notes {
         console.warning(note);
+    }
+    if options.fleet.flags.print
+        && let Some(listen) = &options.listen
+    {
+        return on_runtime(1, options.fleet.print(listen, &options.access, (true, console)));
     }
     let files = files(&options)?;
     let stop = signals::stop_on_signal(console);
@@ -39,7 +62,7 @@ pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit
     let room = options.output.reserve(width, height).map_err(Failure::usage)?;
     // A farm that stays keeps its own.
     let journal = if options.farm.is_some() { None } else { journal::open(&options)? };
-    let job = render(options.clone(), (files, journal.clone()), (console, stop), began);
+    let job = render(options.clone(), (files, journal.clone(), fleet), (console, stop), began);
     let ended = on_runtime(options.threads, job)?;
     // The farm is closed: whatever its peers do, the picture is written.
     let Ended { rendered, error, phases, description } = match ended {
@@ -131,7 +154,7 @@ struct Ended {
 
 async fn render(
     options: Arc<Options>,
-    (mut files, journal): (Files, Option<Arc<Journal>>),
+    (mut files, journal, fleet): (Files, Option<Arc<Journal>>, &mut Option<Own>),
     (console, stop): (&Console, CancellationToken),
     began: Instant,
 ) -> Result<Result<Ended, RenderError>, Failure> {
@@ -139,9 +162,9 @@ async fn render(
     let mut watching = None;
     if options.farm.is_none() {
         // They connect while the scene is read.
-        let (mut bound, page) = bind(&options, console).await?;
+        let (mut bound, access, page) = bind(&options, console).await?;
         bound.hire(options.workers, options.threads);
-        farm = Some(bound);
+        farm = Some((bound, access));
         watching = page.map(|page| watch_single(page, &options, stop.clone(), over.clone()));
     }
     let mut phases = Phases::default();
@@ -156,7 +179,7 @@ async fn render(
     let scene = scene::accept(read, &options.scene, console)?;
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
-    let Some(farm) = farm else {
+    let Some((farm, access)) = farm else {
         let rendered = remote::rendered(&options, scene, (console, &stop)).await?;
         return Ok(Ok(Ended { rendered, error: None, phases, description }));
     };
@@ -197,8 +220,26 @@ async fn render(
         job.canvas = Some(single.canvas());
         single.begin(watched.clone());
     }
+    *fleet = options.fleet.start(farm.addr(), (&access, &options.access), (true, options.workers == 0))?;
+    if let Some(fleet) = &fleet {
+        fleet.follow(watched.clone());
+    }
     let shown = tokio::spawn(progress::show(progress::Style::of(options.progress), watched, console.clone()));
-    let ended = farm.render(job, tell, stop).await;
+    let given_up = stop.child_token();
+    let ended = {
+        let rendered = farm.render(job, tell, given_up.clone());
+        tokio::pin!(rendered);
+        tokio::select! {
+            ended = &mut rendered => ended,
+            () = failed(fleet.as_ref()) => {
+                given_up.cancel();
+                rendered.await
+            }
+        }
+    };
+    if let Some(fleet) = &fleet {
+        fleet.stop();
+    }
     // A large scene takes a while to be given back: the picture is written meanwhile.
     rayon::spawn(move || drop(last));
     // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
@@ -214,6 +255,14 @@ async fn render(
             None => Err(error),
         },
     })
+}
+
+/// Waits until a fleet is of no use; for ever where there is none, or where this process has workers itself.
+async fn failed(fleet: Option<&Own>) {
+    match fleet {
+        Some(fleet) => fleet.failed().await,
+        None => std::future::pending().await,
+    }
 }
 
 /// The farm's goal. Writing the picture takes its share of a time limit.
@@ -259,7 +308,7 @@ fn watch_single(
 }
 
 /// Listens before anything is read, so that a port in use costs no time.
-async fn bind(options: &Options, console: &Console) -> Result<(Farm, Option<Page>), Failure> {
+async fn bind(options: &Options, console: &Console) -> Result<(Farm, Access, Option<Page>), Failure> {
     raise_open_files();
     let listen = match &options.listen {
         Some(text) => resolve(text).await?,
@@ -273,13 +322,13 @@ async fn bind(options: &Options, console: &Console) -> Result<(Farm, Option<Page
         ),
         _ => failure(&e),
     })?;
-    if options.listen.is_some() || options.workers == 0 {
+    if (options.listen.is_some() || options.workers == 0) && options.fleet.fleet.is_none() {
         let how = options.access.invitation(farm.addr(), &access);
         console.say(&format!("workers are awaited on {}; start them by: {how}", farm.addr()));
     }
     let readers = Readers { flags: &options.access, access: &access, user_token_file: None };
     let page = page::bind(&options.http, &readers, &farm, console).await?;
-    Ok((farm, page))
+    Ok((farm, access, page))
 }
 
 /// Runs `work` off the async threads.

@@ -11,6 +11,7 @@ use super::access::raise_open_files;
 use super::args::Serve;
 use super::console::Console;
 use super::exit::{Exit, Failure};
+use super::fleet::Own;
 use super::options::resolve;
 use super::page::{self, Readers, with_users};
 use super::render::{failure, on_runtime};
@@ -23,6 +24,10 @@ pub(super) fn cores() -> usize {
 
 /// Serves until a signal comes.
 pub(crate) fn run(raw: &Serve, console: &Console) -> Result<Exit, Failure> {
+    raw.fleet.check(true)?;
+    if raw.fleet.flags.print {
+        return on_runtime(1, raw.fleet.print(&raw.listen, &raw.access, (false, console)));
+    }
     let stop = signals::stop_on_signal(console);
     let threads = raw.threads.map_or_else(cores, usize::from);
     on_runtime(threads, serve(raw, threads, console, stop))
@@ -47,6 +52,10 @@ async fn serve(raw: &Serve, threads: usize, console: &Console, stop: Cancellatio
     let readers = Readers { flags: &raw.access, access: &access, user_token_file: raw.user_token_file.as_ref() };
     let page = page::bind(&raw.http, &readers, &farm, console).await?;
     let shown = page.map(|page| tokio::spawn(page.show(queue.clone(), closed.clone())));
+    let fleet = raw.fleet.start(addr, (&access, &raw.access), (false, false))?;
+    if let Some(fleet) = &fleet {
+        fleet.follow_queue(queue.clone());
+    }
     let mut here = workers(raw, threads, addr, &access, &closed);
     {
         let served = farm.serve(&queue, orders, closed.clone());
@@ -54,6 +63,9 @@ async fn serve(raw: &Serve, threads: usize, console: &Console, stop: Cancellatio
         tokio::select! {
             () = &mut served => return Err(Failure::new(Exit::Failed, "the farm ended by itself")),
             () = stop.cancelled() => {}
+        }
+        if let Some(fleet) = &fleet {
+            fleet.stop();
         }
         // Jobs are stopped by the farm, and what is done of them is kept.
         tokio::select! {
@@ -67,6 +79,9 @@ async fn serve(raw: &Serve, threads: usize, console: &Console, stop: Cancellatio
     while here.join_next().await.is_some() {}
     if let Some(shown) = shown {
         let _ = shown.await;
+    }
+    if let Some(Err(left)) = fleet.map(Own::end) {
+        console.warning(&left.message);
     }
     console.say("the farm is closed; what is done is kept, and the same command goes on with it");
     Ok(Exit::Interrupted)

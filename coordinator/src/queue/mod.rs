@@ -257,6 +257,17 @@ impl Queue {
         views.map_or(0, |views| views.borrow().len())
     }
 
+    /// What there is to do.
+    #[must_use]
+    pub fn demand(&self) -> crate::fleet::Demand {
+        let workers = self.worker_count();
+        let unfinished: Vec<Job> = {
+            let entries = self.0.jobs.entries();
+            entries.values().filter(|entry| !is_final(entry.job.state())).map(shown).collect()
+        };
+        crate::fleet::demand_of_jobs(unfinished.iter(), workers)
+    }
+
     /// The farm's workers, and the numbers of the jobs they render for.
     pub(crate) fn workers(&self) -> Vec<control::Worker> {
         let views = self.0.views.lock().unwrap_or_else(PoisonError::into_inner).clone();

@@ -7,7 +7,7 @@ use clap::Args as ClapArgs;
 use coordinator::Keep;
 use worker::Address;
 
-use super::{ViewFlags, colour};
+use super::{OwnFleet, ViewFlags, colour};
 use crate::cli::access::{AccessFlags, PictureFlags};
 
 /// Where a farm that stays is, and how to be let in.
@@ -45,6 +45,8 @@ pub(crate) struct Serve {
     /// Where the users' token is kept; made on first use [default: in the user's state folder]
     #[arg(long, value_name = "FILE", help_heading = "Farm")]
     pub(crate) user_token_file: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) fleet: OwnFleet,
     #[command(flatten)]
     pub(crate) access: AccessFlags,
 }

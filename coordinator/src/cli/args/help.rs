@@ -39,3 +39,13 @@ pub(super) const RENDER_MORE: &str = "Examples:\n  \
     130  interrupted; what was done is kept beside the target, as NAME.partial.png\n\n\
     A first Ctrl-C stops and keeps what is done, a second one leaves at once. The same command goes on where \
     any of these ended it, or a crash, from what is kept in OUTPUT.journal.";
+
+pub(super) const FLEET_EXAMPLES: &str = "Examples:\n  \
+    coordinator fleet slurm --connect head:4747 --fleet-workers 0..64 --fleet-args '--partition=long --time=2:00:00'\n  \
+    coordinator fleet slurm --connect head:4747 --fleet-workers 8 --print\n      \
+        the script that sbatch would be given, and nothing else\n  \
+    coordinator render scene.xml --listen 0.0.0.0:4747 --fleet slurm --fleet-workers 1..32\n      \
+        workers for this picture, ended with it\n\n\
+    With a range, there are as many workers as the work that is left is worth, and fewer again when there is nothing \
+    to do. All are ended at the end, whatever it is; if this program itself is killed, workers leave when they have \
+    had no coordinator for as long as --fleet-give-up-after says.";
