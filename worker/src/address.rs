@@ -72,6 +72,12 @@ impl fmt::Display for Address {
 }
 
 impl Address {
+    /// The port.
+    #[must_use]
+    pub fn port(&self) -> u16 {
+        self.port
+    }
+
     /// The host alone, without the brackets of an IPv6 address.
     #[must_use]
     pub fn host(&self) -> &str {

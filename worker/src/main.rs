@@ -34,7 +34,7 @@ coordinator for as long as --give-up-after says, 2 wrong usage, 130 interrupted.
 /// Dials the coordinator, renders what it is given, and dials again, with growing
 /// pauses, whenever the connection breaks or no coordinator is there.
 #[derive(Debug, Parser)]
-#[command(name = "worker", version, after_help = EXAMPLES, group(ArgGroup::new("where").required(true)))]
+#[command(name = "worker", version, long_version = tessera_proto::limits::BUILD, after_help = EXAMPLES, group(ArgGroup::new("where").required(true)))]
 struct Args {
     /// The coordinator's address, such as farm.example, 10.0.0.5:5000, [::1]:4747, or 5000 for a port of this machine.
     #[arg(value_name = "HOST[:PORT]", group = "where")]

@@ -267,6 +267,24 @@ impl TokenSource {
     }
 }
 
+/// An authority, as its file's text, and tokens of a farm that nobody has yet.
+pub(crate) struct FreshSecrets {
+    pub(crate) authority: String,
+    pub(crate) token: String,
+    pub(crate) user_token: String,
+}
+
+/// Makes them, and keeps them nowhere.
+///
+/// # Errors
+/// When the system gives no random numbers.
+pub(crate) fn fresh_secrets() -> Result<FreshSecrets, AccessError> {
+    let authority = Authority::make().map_err(|e| AccessError::Tls(e.to_string()))?;
+    let pin = Authority::read(&authority).map_err(AccessError::Tls)?.pin();
+    let token = || Ok::<_, AccessError>(Token { pin, secret: Secret::new()? }.reveal());
+    Ok(FreshSecrets { token: token()?, user_token: token()?, authority })
+}
+
 fn server_config(
     chain: Vec<CertificateDer<'static>>,
     key: PrivateKeyDer<'static>,

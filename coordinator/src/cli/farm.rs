@@ -52,8 +52,8 @@ fn failed(e: impl std::fmt::Display) -> Failure {
 pub(super) enum Reached {
     /// A farm that stays.
     Farm(Client),
-    /// A render of one picture.
-    Render,
+    /// One that does not tell how much it has to do: a render of one picture, or a farm without the users' token.
+    Silent,
 }
 
 /// What a refusal means to whoever typed the command.
@@ -104,12 +104,15 @@ impl Client {
         Ok(Self { calls })
     }
 
-    /// Connects to whatever farm is there.
-    pub(super) async fn reach(flags: &FarmFlags) -> Result<Reached, Failure> {
+    /// Connects to whatever farm is there; `asks`: whether to find out if it tells what it has to do.
+    pub(super) async fn reach(flags: &FarmFlags, asks: bool) -> Result<Reached, Failure> {
         let mut client = Self::connect(flags).await?;
+        if !asks {
+            return Ok(Reached::Silent);
+        }
         match client.calls.list_workers(ListWorkersRequest {}).await {
             Ok(_) => Ok(Reached::Farm(client)),
-            Err(e) if e.code() == Code::Unimplemented => Ok(Reached::Render),
+            Err(e) if [Code::Unimplemented, Code::Unauthenticated].contains(&e.code()) => Ok(Reached::Silent),
             Err(e) => Err(refused(&e)),
         }
     }

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use coordinator::access::{Access, State};
-use coordinator::fleet::{Demand, Engine, Fleet, FleetError, Keeper, Scaling, Size, TokenSource, WorkerOrder};
+use coordinator::fleet::{
+    Demand, Engine, Fleet, FleetError, InCluster, Keeper, MOST_SCENE_BYTES, Program, Scaling, Size, TokenSource,
+    WorkerOrder,
+};
 use coordinator::{Progress, Queue};
 use tessera_proto::token::Token;
 use tokio::sync::watch;
@@ -23,6 +26,8 @@ use super::{render, signals};
 const GIVE_UP_AFTER: Duration = Duration::from_secs(120);
 const WORTH: Duration = Duration::from_secs(20);
 const IDLE: Duration = Duration::from_secs(30);
+/// Stands for an address that is known later.
+const LATER: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 4747);
 /// Between two looks at a farm that stays.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
@@ -42,12 +47,17 @@ fn fleet(
     if args.chars().any(char::is_control) {
         return Err(Failure::usage("--fleet-args must be one line of plain text"));
     }
+    if matches!(token, TokenSource::Environment(_)) && !engine.hands_on_environment() {
+        return Err(Failure::usage(format!(
+            "{engine} shows the environment of a job to others: give the token by --token-file, where workers can read it"
+        )));
+    }
     let program = match &flags.fleet_program {
         Some(program) if program.is_empty() || program.chars().any(char::is_control) => {
             return Err(Failure::usage("--fleet-program names no program"));
         }
-        Some(program) => program.clone(),
-        None => beside(),
+        Some(program) => Program::Given(program.clone()),
+        None => Program::Own(beside()),
     };
     let order = WorkerOrder {
         program,
@@ -59,7 +69,8 @@ fn fleet(
     };
     let scaling = Scaling { size, worth: flags.fleet_worth.unwrap_or(WORTH), idle: flags.fleet_idle.unwrap_or(IDLE) };
     let name = Fleet::fresh_name().map_err(failed)?;
-    Ok(Fleet { engine, name, order, args, scaling })
+    let image = flags.fleet_image.clone().unwrap_or_else(|| concat!("tessera:", env!("CARGO_PKG_VERSION")).into());
+    Ok(Fleet { engine, name, order, args, image, scaling })
 }
 
 /// The worker beside this program, by its whole name; else whichever is found where it runs.
@@ -88,6 +99,11 @@ fn own_token() -> Option<PathBuf> {
     State::of_user().ok().map(|state| state.token_path()).filter(|path| path.exists())
 }
 
+/// This user's own token as a user of farms, where there is one already.
+fn own_user_token() -> Option<PathBuf> {
+    State::of_user().ok().map(|state| state.user_token_path()).filter(|path| path.exists())
+}
+
 /// `coordinator fleet`: workers for a farm that runs already.
 pub(crate) fn run(raw: &args::Fleet, console: &Console) -> Result<Exit, Failure> {
     let variable = std::env::var("TESSERA_TOKEN").ok().filter(|text| !text.is_empty());
@@ -104,7 +120,7 @@ pub(crate) fn run(raw: &args::Fleet, console: &Console) -> Result<Exit, Failure>
     };
     let fleet = fleet(raw.engine.clone(), &raw.flags, (raw.connect.clone(), token, false))?;
     if raw.flags.print {
-        console.out(&fleet.print())?;
+        console.out(&fleet.print().map_err(Failure::usage)?)?;
         return Ok(Exit::Done);
     }
     let stop = signals::stop_on_signal(console);
@@ -119,8 +135,18 @@ async fn beside_farm(
     stop: CancellationToken,
 ) -> Result<Exit, Failure> {
     let patience = fleet.order.give_up_after;
-    let flags = FarmFlags { farm: Some(raw.connect.clone()), user_token: raw.user_token.clone() };
-    let first = look(&flags).await.map_err(|e| Failure::new(e.exit, format!("{}; is the farm there?", e.message)))?;
+    // Where there is no users' token, the workers' at least tells whether this is the farm.
+    let user_token = raw.user_token.clone().or_else(own_user_token).or_else(|| raw.token_file.clone());
+    let user_token = user_token.filter(|_| fleet.order.token.is_some());
+    let flags = FarmFlags { farm: Some(raw.connect.clone()), user_token };
+    let mut asks = true;
+    let first = look(&flags, &mut asks)
+        .await
+        .map_err(|e| Failure::new(e.exit, format!("{}; is the farm there?", e.message)))?;
+    if !asks {
+        let most = fleet.scaling.size.max;
+        tracing::info!(target: "farm", "the farm does not tell how much there is to do: it gets {most} workers");
+    }
     let (tell, demand) = watch::channel(first);
     let keeper = Keeper::start(fleet, demand, true).map_err(failed)?;
     let mut gone_since = None;
@@ -130,7 +156,7 @@ async fn beside_farm(
             () = keeper.failed() => break Ok(Exit::Failed),
             () = tokio::time::sleep(LOOK_EVERY) => {}
         }
-        match look(&flags).await {
+        match look(&flags, &mut asks).await {
             Ok(now) => {
                 gone_since = None;
                 tell.send_replace(now);
@@ -148,10 +174,12 @@ async fn beside_farm(
     kept.map_err(failed).and(ended)
 }
 
-/// What a farm has to do. One that renders a single picture does not say: it has work while it is there.
-async fn look(flags: &FarmFlags) -> Result<Demand, Failure> {
-    match Client::reach(flags).await? {
-        Reached::Render => Ok(Demand { has_work: true, work: Some(f64::MAX), workers: 0, over: false }),
+/// What a farm has to do. One that does not tell has work while it is there, and is not asked again.
+async fn look(flags: &FarmFlags, asks: &mut bool) -> Result<Demand, Failure> {
+    let reached = Client::reach(flags, *asks).await?;
+    *asks = matches!(reached, Reached::Farm(_));
+    match reached {
+        Reached::Silent => Ok(Demand { has_work: true, work: Some(f64::MAX), workers: 0, over: false }),
         Reached::Farm(mut client) => {
             let (jobs, workers) = (client.jobs().await?, client.workers().await?);
             Ok(coordinator::fleet::demand_of_jobs(jobs.iter(), workers.len()))
@@ -169,9 +197,11 @@ impl OwnFleet {
     /// Checks what can be known before anything is done; whether there is a fleet.
     pub(crate) fn check(&self, listens: bool) -> Result<(), Failure> {
         match &self.fleet {
-            None if self.flags.is_given() => {
-                Err(Failure::usage("which engine is to start workers? Give --fleet slurm, pbs or lsf"))
-            }
+            None if self.flags.is_given() => Err(Failure::usage(
+                "which engine is to start workers? Give --fleet slurm, pbs, lsf, kubernetes or ssh:FILE",
+            )),
+            // In a cluster, it listens where the manifests say.
+            Some(Engine::Kubernetes) if self.flags.print => Ok(()),
             Some(_) if !listens => {
                 Err(Failure::usage("--fleet needs --listen ADDR, where the engine's workers reach this farm"))
             }
@@ -184,9 +214,17 @@ impl OwnFleet {
         &self,
         listen: &str,
         access: &AccessFlags,
-        (once, console): (bool, &Console),
+        (inside, once, console): (impl FnOnce() -> Result<InCluster, Failure>, bool, &Console),
     ) -> Result<Exit, Failure> {
         let Some(engine) = self.fleet.clone() else { return Err(Failure::usage("--print needs --fleet ENGINE")) };
+        if engine == Engine::Kubernetes {
+            let mut fleet = fleet(engine, &self.flags, (worker::Address::from(LATER), TokenSource::None, false))?;
+            fleet.order.connect = fleet.name.parse().map_err(failed)?;
+            // Known by then: it is in the same Secret.
+            fleet.order.token = TokenSource::File(PathBuf::new());
+            console.out(&fleet.print_farm(&inside()?).map_err(failed)?)?;
+            return Ok(Exit::Done);
+        }
         let coordinator::ListenAddr::Socket(addr) = super::options::resolve(listen).await? else {
             return Err(Failure::usage("--fleet needs --listen ADDR"));
         };
@@ -198,7 +236,8 @@ impl OwnFleet {
             }),
         };
         let connect = self.connect(addr)?;
-        console.out(&fleet(engine, &self.flags, (connect, token, once))?.print())?;
+        let fleet = fleet(engine, &self.flags, (connect, token, once))?;
+        console.out(&fleet.print().map_err(Failure::usage)?)?;
         Ok(Exit::Done)
     }
 
@@ -280,4 +319,52 @@ impl Own {
             e => failed(e),
         })
     }
+}
+
+/// A scene as a coordinator in a cluster is given it: the text itself, with the picture's flags as they were typed.
+pub(super) fn scene_in_cluster(scene: &Path, output: &Path) -> Result<InCluster, Failure> {
+    let elsewhere = "have it stay in the cluster by 'coordinator serve --fleet kubernetes --print', and submit to it";
+    let read = super::scene::read(scene, Vec::new());
+    if read.scene.is_none() {
+        let name = scene.display();
+        return Err(Failure::new(Exit::Scene, format!("'{name}' is not valid; 'coordinator check {name}' says why")));
+    }
+    if !read.pictures.is_empty() {
+        return Err(Failure::usage(format!("a scene with pictures does not go into a manifest: {elsewhere}")));
+    }
+    let text = std::fs::read_to_string(scene).map_err(|e| Failure::usage(format!("'{}': {e}", scene.display())))?;
+    if text.len() > MOST_SCENE_BYTES {
+        return Err(Failure::usage(format!(
+            "a scene of {} bytes is too large for a manifest: {elsewhere}",
+            text.len()
+        )));
+    }
+    let named = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    let name = named(scene).chars().map(plain).collect();
+    Ok(InCluster::Render { name, text, flags: picture_flags(), output: named(output) })
+}
+
+/// What was said about the picture on this process's command line.
+fn picture_flags() -> Vec<String> {
+    use clap::CommandFactory;
+    use clap::parser::ValueSource;
+    let command = args::Args::command();
+    let render = command.find_subcommand("render").cloned().unwrap_or_default();
+    let Ok(matches) = command.try_get_matches_from(std::env::args_os()) else { return Vec::new() };
+    let Some((_, given)) = matches.subcommand() else { return Vec::new() };
+    let mut flags = Vec::new();
+    for arg in render.get_arguments() {
+        let (id, heading) = (arg.get_id().as_str(), arg.get_help_heading().unwrap_or_default());
+        let about_it = ["Picture", "Camera", "Accuracy"].contains(&heading) && id != "output";
+        let wanted = about_it || ["verify", "tile"].contains(&id);
+        let (true, Some(long)) = (wanted, arg.get_long()) else { continue };
+        if given.value_source(id) != Some(ValueSource::CommandLine) {
+            continue;
+        }
+        for value in given.get_raw(id).into_iter().flatten() {
+            flags.push(format!("--{long}={}", value.to_string_lossy()));
+        }
+    }
+    flags
 }

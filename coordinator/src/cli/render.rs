@@ -51,10 +51,10 @@ fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, I
     for note in &options.notes {
         console.warning(note);
     }
-    if options.fleet.flags.print
-        && let Some(listen) = &options.listen
-    {
-        return on_runtime(1, options.fleet.print(listen, &options.access, (true, console)));
+    if options.fleet.flags.print {
+        let listen = options.listen.as_deref().unwrap_or_default();
+        let inside = || super::fleet::scene_in_cluster(&options.scene, options.output.path());
+        return on_runtime(1, options.fleet.print(listen, &options.access, (inside, true, console)));
     }
     let files = files(&options)?;
     let stop = signals::stop_on_signal(console);

@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 
 use coordinator::access::Access;
+use coordinator::fleet::InCluster;
 use coordinator::{Farm, Queue};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -26,7 +27,7 @@ pub(super) fn cores() -> usize {
 pub(crate) fn run(raw: &Serve, console: &Console) -> Result<Exit, Failure> {
     raw.fleet.check(true)?;
     if raw.fleet.flags.print {
-        return on_runtime(1, raw.fleet.print(&raw.listen, &raw.access, (false, console)));
+        return on_runtime(1, raw.fleet.print(&raw.listen, &raw.access, (|| Ok(InCluster::Serve), false, console)));
     }
     let stop = signals::stop_on_signal(console);
     let threads = raw.threads.map_or_else(cores, usize::from);

@@ -2,22 +2,8 @@
 
 use super::call::{CallError, call};
 use super::engine::{Batch, List};
+use super::place::Standing;
 use super::{Fleet, TokenSource, script};
-
-/// What an engine has of a fleet.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Standing {
-    /// Workers that wait to be started, and why, as far as the engine says.
-    pub(super) waiting: Vec<(String, Option<String>)>,
-    /// Workers that it started.
-    pub(super) running: Vec<String>,
-}
-
-impl Standing {
-    pub(super) fn count(&self) -> usize {
-        self.waiting.len() + self.running.len()
-    }
-}
 
 /// See the [module](self).
 #[derive(Debug)]
@@ -25,13 +11,15 @@ pub(super) struct BatchJobs {
     batch: &'static Batch,
     /// Jobs submitted, those that have ended included.
     jobs: Vec<String>,
+    /// Whether there may be jobs: also where a submission was not answered.
+    begun: bool,
     /// Tasks of one array that the site allows, as far as is known.
     most: usize,
 }
 
 impl BatchJobs {
     pub(super) fn new(batch: &'static Batch) -> Self {
-        Self { batch, jobs: Vec::new(), most: batch.most }
+        Self { batch, jobs: Vec::new(), begun: false, most: batch.most }
     }
 
     /// Submits `count` workers. Some may be there although it fails.
@@ -41,6 +29,7 @@ impl BatchJobs {
             let tasks = left.min(self.most);
             match self.submit(fleet, tasks).await {
                 Ok(job) => {
+                    self.begun = true;
                     self.jobs.push(job);
                     left -= tasks;
                 }
@@ -48,7 +37,10 @@ impl BatchJobs {
                 Err(CallError::Refused(why)) if tasks > 1 && why.to_lowercase().contains("array") => {
                     self.most = tasks / 2;
                 }
-                Err(e) => return Err(e),
+                Err(e) => {
+                    self.begun |= matches!(e, CallError::Silent(_));
+                    return Err(e);
+                }
             }
         }
         Ok(())
@@ -57,9 +49,11 @@ impl BatchJobs {
     async fn submit(&self, fleet: &Fleet, tasks: usize) -> Result<String, CallError> {
         let script = script::array(self.batch, fleet, tasks);
         let mut environment: Vec<_> = self.batch.unset.iter().map(|&name| (name, None)).collect();
-        if let TokenSource::Environment(token) = &fleet.order.token {
-            environment.push(("TESSERA_TOKEN", Some(token.reveal())));
-        }
+        // A token of another farm would only be in the way of one that asks for none.
+        environment.push(match &fleet.order.token {
+            TokenSource::Environment(token) => ("TESSERA_TOKEN", Some(token.reveal())),
+            _ => ("TESSERA_TOKEN", None),
+        });
         let words: Vec<String> = self.batch.submit.iter().map(ToString::to_string).collect();
         let said = call(&words, &script, &environment).await?;
         job_number(&said)
@@ -68,7 +62,7 @@ impl BatchJobs {
 
     /// What is there now.
     pub(super) async fn standing(&self, fleet: &Fleet) -> Result<Standing, CallError> {
-        if self.jobs.is_empty() {
+        if !self.begun {
             return Ok(Standing::default());
         }
         match call(&self.filled(self.batch.query, fleet), "", &[]).await {
@@ -91,7 +85,7 @@ impl BatchJobs {
 
     /// Ends all.
     pub(super) async fn remove_all(&self, fleet: &Fleet) -> Result<(), CallError> {
-        if self.jobs.is_empty() {
+        if !self.begun {
             return Ok(());
         }
         self.ended(call(&self.filled(self.batch.cancel_all, fleet), "", &[]).await)
@@ -170,8 +164,10 @@ mod tests {
     use super::*;
 
     fn batch(name: &str) -> &'static Batch {
-        let Engine::Batch(batch) = name.parse().unwrap();
-        batch
+        match name.parse().unwrap() {
+            Engine::Batch(batch) => batch,
+            other => panic!("{other}"),
+        }
     }
 
     #[test]

@@ -31,6 +31,16 @@ pub(super) async fn call(
     input: &str,
     environment: &[(&str, Option<String>)],
 ) -> Result<String, CallError> {
+    call_with(words, input.as_bytes(), environment, WITHIN).await
+}
+
+/// As [`call`], within another time.
+pub(super) async fn call_with(
+    words: &[String],
+    input: &[u8],
+    environment: &[(&str, Option<String>)],
+    within: Duration,
+) -> Result<String, CallError> {
     let program = words.first().cloned().unwrap_or_default();
     let mut command = Command::new(&program);
     command.args(words.iter().skip(1)).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -53,11 +63,11 @@ pub(super) async fn call(
         let mut child = command.spawn().map_err(failed)?;
         if let Some(mut stdin) = child.stdin.take() {
             // One that does not read what it is given says why by its exit.
-            let _ = stdin.write_all(input.as_bytes()).await;
+            let _ = stdin.write_all(input).await;
         }
         child.wait_with_output().await.map_err(failed)
     };
-    let output = tokio::time::timeout(WITHIN, done).await.map_err(|_| CallError::Silent(program.clone()))??;
+    let output = tokio::time::timeout(within, done).await.map_err(|_| CallError::Silent(program.clone()))??;
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     if output.status.success() {
         return Ok(out.into_owned());

@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
-use super::batch::{BatchJobs, Standing};
 use super::call::CallError;
-use super::{Demand, Engine, Fleet};
+use super::place::{Place, Standing};
+use super::{Demand, Fleet};
 
 /// Between two decisions.
 const TICK: Duration = Duration::from_millis(500);
@@ -66,9 +66,12 @@ impl Keeper {
             .enable_all()
             .build()
             .map_err(|e| FleetError::Start(e.to_string()))?;
+        let engine = fleet.engine.to_string();
+        let refused = |e: CallError| FleetError::Refused { engine, why: e.to_string() };
+        let place = Place::new(&fleet.engine).map_err(refused)?;
         let keep = move || {
             let kept = runtime.block_on(async {
-                let mut kept = Kept::new(fleet, must_start);
+                let mut kept = Kept::new(fleet, place, must_start);
                 let ran = tokio::select! {
                     ran = kept.run(demand) => ran,
                     () = stopped.cancelled() => Ok(()),
@@ -126,7 +129,7 @@ impl Drop for Keeper {
 /// The workers of a fleet, as the engine has them.
 struct Kept {
     fleet: Fleet,
-    jobs: BatchJobs,
+    place: Place,
     standing: Standing,
     /// Whether a submission was ever taken.
     started: bool,
@@ -141,10 +144,9 @@ struct Kept {
 }
 
 impl Kept {
-    fn new(fleet: Fleet, must_start: bool) -> Self {
-        let Engine::Batch(batch) = fleet.engine;
+    fn new(fleet: Fleet, place: Place, must_start: bool) -> Self {
         Self {
-            jobs: BatchJobs::new(batch),
+            place,
             fleet,
             standing: Standing::default(),
             started: false,
@@ -179,7 +181,7 @@ impl Kept {
 
     /// Asks the engine what it has.
     async fn ask(&mut self) {
-        match self.jobs.standing(&self.fleet).await {
+        match self.place.standing(&self.fleet).await {
             Ok(standing) => self.standing = standing,
             Err(e) => self.say_once(format!("does not say what runs: {e}")),
         }
@@ -220,9 +222,9 @@ impl Kept {
         self.not_before = Some(Instant::now() + self.retry);
         self.retry = (2 * self.retry).min(RETRY.1);
         let engine = self.fleet.engine.to_string();
-        let submitted = self.jobs.add(&self.fleet, count).await;
+        let submitted = self.place.add(&self.fleet, (self.standing.count(), count)).await;
         // Also where a part of them was refused, the others are there.
-        if let Ok(standing) = self.jobs.standing(&self.fleet).await {
+        if let Ok(standing) = self.place.standing(&self.fleet).await {
             self.standing = standing;
         }
         match submitted {
@@ -248,7 +250,7 @@ impl Kept {
         let waiting = self.standing.waiting.iter().map(|(task, _)| task);
         let tasks: Vec<String> = waiting.rev().chain(self.standing.running.iter().rev()).take(count).cloned().collect();
         tracing::info!(target: "farm", "{} is to end {} workers, for want of work", self.fleet.engine, tasks.len());
-        match self.jobs.remove(&tasks).await {
+        match self.place.remove(&self.fleet, &tasks, self.standing.count() - tasks.len()).await {
             Ok(()) => {
                 self.standing.waiting.retain(|(task, _)| !tasks.contains(task));
                 self.standing.running.retain(|task| !tasks.contains(task));
@@ -262,11 +264,11 @@ impl Kept {
         let (began, mut pause) = (Instant::now(), Duration::from_millis(50));
         let mut why;
         loop {
-            why = match self.jobs.remove_all(&self.fleet).await {
+            why = match self.place.remove_all(&self.fleet).await {
                 Err(e) => Some(e),
                 Ok(()) => None,
             };
-            match self.jobs.standing(&self.fleet).await {
+            match self.place.standing(&self.fleet).await {
                 Ok(standing) if standing.count() == 0 => return Ok(()),
                 Ok(_) => {}
                 Err(e) => why = Some(e),
@@ -280,7 +282,7 @@ impl Kept {
         Err(FleetError::Left {
             engine: self.fleet.engine.to_string(),
             why: why.as_ref().map_or_else(|| "some are there still".into(), CallError::to_string),
-            remedy: self.jobs.remedy(&self.fleet),
+            remedy: self.place.remedy(&self.fleet),
         })
     }
 

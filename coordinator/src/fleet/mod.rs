@@ -7,11 +7,14 @@
 
 mod batch;
 mod call;
+mod cluster;
 mod demand;
 mod engine;
 mod keeper;
+mod place;
 mod scale;
 mod script;
+mod ssh;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -21,6 +24,7 @@ use std::time::Duration;
 use tessera_proto::token::{NoRandomness, Token, random};
 use worker::Address;
 
+pub use cluster::{InCluster, MOST_SCENE_BYTES};
 pub use demand::demand_of_jobs;
 pub use keeper::{FleetError, Keeper};
 pub use scale::{Demand, Scaling, Size};
@@ -30,17 +34,26 @@ pub use scale::{Demand, Scaling, Size};
 pub enum Engine {
     /// A batch system, by its commands.
     Batch(&'static engine::Batch),
+    /// Hosts of the list in this file, over `ssh`.
+    Ssh(PathBuf),
+    /// A cluster that `kubectl` reaches.
+    Kubernetes,
 }
 
 /// Not the name of an engine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no engine {0:?}; there are slurm, pbs and lsf")]
+#[error("there is no engine {0:?}; there are slurm, pbs, lsf, kubernetes and ssh:FILE, a list of hosts")]
 pub struct UnknownEngine(String);
 
 impl FromStr for Engine {
     type Err = UnknownEngine;
 
     fn from_str(text: &str) -> Result<Self, UnknownEngine> {
+        match text.strip_prefix("ssh:") {
+            Some(path) if !path.is_empty() => return Ok(Self::Ssh(path.into())),
+            _ if text == "kubernetes" => return Ok(Self::Kubernetes),
+            _ => {}
+        }
         let batch = engine::ALL.into_iter().find(|batch| batch.name == text);
         batch.map(Self::Batch).ok_or_else(|| UnknownEngine(text.into()))
     }
@@ -52,6 +65,8 @@ impl Engine {
     pub fn hands_on_environment(&self) -> bool {
         match self {
             Self::Batch(batch) => batch.hands_on_environment,
+            // It goes down the line, or into a Secret.
+            Self::Ssh(_) | Self::Kubernetes => true,
         }
     }
 }
@@ -60,6 +75,8 @@ impl fmt::Display for Engine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Batch(batch) => f.write_str(batch.name),
+            Self::Ssh(_) => f.write_str("ssh"),
+            Self::Kubernetes => f.write_str("kubernetes"),
         }
     }
 }
@@ -76,11 +93,34 @@ pub enum TokenSource {
     Environment(Token),
 }
 
+impl TokenSource {
+    /// Whether the farm asks for one.
+    #[must_use]
+    pub fn is_some(&self) -> bool {
+        !matches!(self, Self::None)
+    }
+}
+
+/// The worker program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Program {
+    /// As it is called where it runs.
+    Given(String),
+    /// The one of this build: here it is this file.
+    Own(String),
+}
+
+impl Program {
+    fn is_given(&self) -> bool {
+        matches!(self, Self::Given(_))
+    }
+}
+
 /// What every worker of a fleet is told.
 #[derive(Clone, Debug)]
 pub struct WorkerOrder {
-    /// The program, as it is called where it runs.
-    pub program: String,
+    /// The program.
+    pub program: Program,
     /// The farm.
     pub connect: Address,
     /// How it is let in.
@@ -104,6 +144,8 @@ pub struct Fleet {
     pub order: WorkerOrder,
     /// The engine's own options, as they are written on its command line.
     pub args: String,
+    /// The container image with both programs.
+    pub image: String,
     /// How many, and when.
     pub scaling: Scaling,
 }
@@ -118,13 +160,31 @@ impl Fleet {
         Ok(format!("tessera-{:08x}", u32::from_be_bytes(random()?)))
     }
 
-    /// What would be submitted for its first workers, to be handed to the engine by hand.
-    #[must_use]
-    pub fn print(&self) -> String {
-        let count = self.scaling.size.max;
-        match &self.engine {
-            Engine::Batch(batch) => script::array(batch, self, count),
+    /// The worker program as it is called where it runs, if it lies there as it does here.
+    fn program_there(&self) -> String {
+        match &self.order.program {
+            Program::Given(program) | Program::Own(program) => program.clone(),
         }
+    }
+
+    /// What would be submitted for all its workers, to be handed to the engine by hand.
+    ///
+    /// # Errors
+    /// When a list of hosts cannot be read.
+    pub fn print(&self) -> Result<String, String> {
+        match &self.engine {
+            Engine::Batch(batch) => Ok(script::array(batch, self, self.scaling.size.max)),
+            Engine::Ssh(path) => Ok(ssh::print(self, &ssh::hosts(path)?)),
+            Engine::Kubernetes => Ok(cluster::print(self)),
+        }
+    }
+
+    /// Manifests of a whole farm in a cluster, its coordinator included.
+    ///
+    /// # Errors
+    /// When no secrets can be made.
+    pub fn print_farm(&self, farm: &InCluster) -> Result<String, String> {
+        cluster::print_farm(self, farm).map_err(|e| e.to_string())
     }
 }
 

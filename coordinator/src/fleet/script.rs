@@ -27,7 +27,7 @@ pub(super) fn array(batch: &Batch, fleet: &Fleet, count: usize) -> String {
         text += "# The farm's token is in TESSERA_TOKEN, as 'coordinator token' prints it, when this is submitted.\n";
     }
     let mut words = vec![
-        quoted(&order.program),
+        quoted(&fleet.program_there()),
         "--connect".into(),
         quoted(&order.connect.to_string()),
         "--name".into(),
@@ -71,7 +71,7 @@ mod tests {
 
     use tessera_proto::token::{Pin, Secret, Token};
 
-    use super::super::{Engine, Scaling, Size, WorkerOrder};
+    use super::super::{Engine, Program, Scaling, Size, WorkerOrder};
     use super::*;
 
     fn fleet(engine: &str) -> Fleet {
@@ -80,7 +80,7 @@ mod tests {
             engine: engine.parse().unwrap(),
             name: "tessera-00c0ffee".into(),
             order: WorkerOrder {
-                program: "/opt/my tools/worker".into(),
+                program: Program::Given("/opt/my tools/worker".into()),
                 connect: "head:4747".parse().unwrap(),
                 token: TokenSource::Environment(token),
                 once: false,
@@ -88,13 +88,14 @@ mod tests {
                 lifetime: None,
             },
             args: "--partition=long --time=60".into(),
+            image: String::new(),
             scaling: Scaling { size: Size { min: 0, max: 3 }, worth: Duration::ZERO, idle: Duration::ZERO },
         }
     }
 
     #[test]
     fn slurm_is_given_an_array_whose_options_the_user_can_override() {
-        let text = fleet("slurm").print();
+        let text = fleet("slurm").print().unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "#!/bin/sh");
         assert!(lines.contains(&"#SBATCH --array=0-2") && lines.contains(&"#SBATCH --job-name=tessera-00c0ffee"));
@@ -112,7 +113,7 @@ mod tests {
             let fleet = fleet(engine);
             let TokenSource::Environment(token) = &fleet.order.token else { unreachable!("as made above") };
             let secret = token.reveal();
-            assert!(!fleet.print().contains(&secret[secret.len() - 20..]), "{engine}");
+            assert!(!fleet.print().unwrap().contains(&secret[secret.len() - 20..]), "{engine}");
         }
     }
 
@@ -122,7 +123,7 @@ mod tests {
             for lifetime in [None, Some(Duration::from_millis(90_500))] {
                 let mut fleet = fleet(engine);
                 fleet.order.lifetime = lifetime;
-                let Engine::Batch(batch) = fleet.engine;
+                let Engine::Batch(batch) = fleet.engine else { unreachable!("all are") };
                 let text = array(batch, &fleet, 2);
                 assert_eq!(text.contains("--lifetime 90.5s"), lifetime.is_some());
                 let shell = std::process::Command::new("sh").args(["-n", "-c", &text]).status();

@@ -21,6 +21,9 @@ pub(crate) struct FleetFlags {
     /// The worker program where the engine runs it [default: the one beside this program]
     #[arg(long, value_name = "PROGRAM", help_heading = "Fleet")]
     pub(crate) fleet_program: Option<String>,
+    /// The container image that holds both programs [default: tessera:VERSION]
+    #[arg(long, value_name = "IMAGE", help_heading = "Fleet")]
+    pub(crate) fleet_image: Option<String>,
     /// Leave after so long; a little less than the engine's limit, where the engine does not tell it
     #[arg(long, value_name = "D", value_parser = duration, help_heading = "Fleet")]
     pub(crate) fleet_lifetime: Option<Duration>,
@@ -41,7 +44,7 @@ pub(crate) struct FleetFlags {
 /// Flags of `render` and `serve`.
 #[derive(Clone, Debug, Default, ClapArgs)]
 pub(crate) struct OwnFleet {
-    /// Have workers started by slurm, pbs or lsf, and ended with the farm; see 'coordinator fleet --help'
+    /// Have workers started by slurm, pbs, lsf, kubernetes or ssh:FILE (a list of hosts), and ended with the farm; see 'coordinator fleet --help'
     #[arg(long, value_name = "ENGINE", requires = "fleet_workers", help_heading = "Fleet")]
     pub(crate) fleet: Option<Engine>,
     /// Where those workers reach this farm [default: this machine's name, and the port of --listen]
@@ -54,7 +57,7 @@ pub(crate) struct OwnFleet {
 /// Flags of `fleet`.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Fleet {
-    /// What starts workers: slurm, pbs or lsf
+    /// What starts workers: slurm, pbs, lsf, kubernetes or ssh:FILE, a list of hosts
     pub(crate) engine: Engine,
     /// The farm that they join: HOST[:PORT]
     #[arg(long, value_name = "HOST[:PORT]")]
@@ -76,6 +79,7 @@ impl FleetFlags {
             fleet_workers,
             fleet_args,
             fleet_program,
+            fleet_image,
             fleet_lifetime,
             fleet_give_up_after,
             fleet_worth,
@@ -87,6 +91,7 @@ impl FleetFlags {
             || fleet_workers.is_some()
             || fleet_args.is_some()
             || fleet_program.is_some()
+            || fleet_image.is_some()
             || times.iter().any(|time| time.is_some())
     }
 }
