@@ -8,7 +8,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::call::CallError;
 use super::place::{Place, Standing};
-use super::{Demand, Fleet};
+use super::{Demand, Engine, Fleet};
 
 /// Between two decisions.
 const TICK: Duration = Duration::from_millis(500);
@@ -72,10 +72,7 @@ impl Keeper {
         let keep = move || {
             let kept = runtime.block_on(async {
                 let mut kept = Kept::new(fleet, place, must_start);
-                let ran = tokio::select! {
-                    ran = kept.run(demand) => ran,
-                    () = stopped.cancelled() => Ok(()),
-                };
+                let ran = kept.run(demand, &stopped).await;
                 let ended = kept.end().await;
                 ran.and(ended)
             });
@@ -158,12 +155,12 @@ impl Kept {
         }
     }
 
-    /// Decides again and again, until there is nothing more to do.
-    async fn run(&mut self, mut demand: watch::Receiver<Demand>) -> Result<(), FleetError> {
+    /// Decides again and again, until there is nothing more to do. No submission is broken off: its job would be unknown.
+    async fn run(&mut self, mut demand: watch::Receiver<Demand>, stop: &CancellationToken) -> Result<(), FleetError> {
         let mut asked = Instant::now();
         loop {
             let now = *demand.borrow_and_update();
-            if now.over {
+            if now.over || stop.is_cancelled() {
                 return Ok(());
             }
             if asked.elapsed() >= ASK_EVERY {
@@ -172,6 +169,7 @@ impl Kept {
             }
             self.decide(&now).await?;
             tokio::select! {
+                () = stop.cancelled() => {}
                 () = tokio::time::sleep(TICK) => {}
                 // Without a farm there is nothing to do.
                 changed = demand.changed() => if changed.is_err() { return Ok(()) } else { tokio::time::sleep(TICK / 5).await },
@@ -234,7 +232,10 @@ impl Kept {
                 tracing::info!(target: "farm", "{engine} is asked for {workers}");
                 Ok(())
             }
-            Err(e) if self.must_start && !self.started => Err(FleetError::Refused { engine, why: e.to_string() }),
+            // Hosts are known to take no worker only when all have been tried.
+            Err(e) if self.must_start && (!self.started || matches!(self.fleet.engine, Engine::Ssh(_))) => {
+                Err(FleetError::Refused { engine, why: e.to_string() })
+            }
             Err(e) => {
                 self.say_once(format!("takes no workers: {e}; it is asked again"));
                 Ok(())
