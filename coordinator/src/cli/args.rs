@@ -59,7 +59,7 @@ pub(crate) enum Command {
         coordinator serve --state ~/farm --listen 0.0.0.0:4747  for a network; it prints what to type elsewhere\n  \
         coordinator serve --state ~/farm --workers 2            this machine renders, too\n\n\
         Ctrl-C stops it, and so may anything else: started again, it goes on where it was.")]
-    Serve(Serve),
+    Serve(Box<Serve>),
     /// Have an engine start workers for a farm that runs already
     #[command(after_help = FLEET_EXAMPLES)]
     Fleet(Box<Fleet>),

@@ -51,7 +51,7 @@ fn failed(e: impl std::fmt::Display) -> Failure {
 /// Who listens where a farm is looked for.
 pub(super) enum Reached {
     /// A farm that stays.
-    Farm(Client),
+    Farm(Box<Client>),
     /// One that does not tell how much it has to do: a render of one picture, or a farm without the users' token.
     Silent,
 }
@@ -111,7 +111,7 @@ impl Client {
             return Ok(Reached::Silent);
         }
         match client.calls.list_workers(ListWorkersRequest {}).await {
-            Ok(_) => Ok(Reached::Farm(client)),
+            Ok(_) => Ok(Reached::Farm(Box::new(client))),
             Err(e) if [Code::Unimplemented, Code::Unauthenticated].contains(&e.code()) => Ok(Reached::Silent),
             Err(e) => Err(refused(&e)),
         }

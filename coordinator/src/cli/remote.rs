@@ -174,6 +174,7 @@ fn stats(w: &control::Worker) -> WorkerStats {
         pixels: w.pixels,
         busy: Duration::from_micros(w.busy_us),
         lost: w.lost,
+        verified: w.verified,
         ..WorkerStats::default()
     }
 }

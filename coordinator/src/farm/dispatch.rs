@@ -391,6 +391,11 @@ impl Dispatcher {
                             w.lost += tiles;
                         }
                     }
+                    Note::Verified { id } => {
+                        if let Some(w) = self.roster.place(id).and_then(|place| self.figures.get_mut(place)) {
+                            w.verified += 1;
+                        }
+                    }
                     Note::CutOff { worker, why, cause, lost } => {
                         if let (CutOff::Broke(rule), Some(seat)) = (&why, self.seats.get(&worker)) {
                             self.roster.ban(seat.id, rule.clone());

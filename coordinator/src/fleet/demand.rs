@@ -52,7 +52,7 @@ mod tests {
             workers,
             ..Progress::default()
         });
-        Job { state: state.into(), progress, ..Job::default() }
+        Job { state: state.into(), progress: progress.map(Box::new), ..Job::default() }
     }
 
     #[test]

@@ -265,10 +265,7 @@ impl Kept {
         let (began, mut pause) = (Instant::now(), Duration::from_millis(50));
         let mut why;
         loop {
-            why = match self.place.remove_all(&self.fleet).await {
-                Err(e) => Some(e),
-                Ok(()) => None,
-            };
+            why = self.place.remove_all(&self.fleet).await.err();
             match self.place.standing(&self.fleet).await {
                 Ok(standing) if standing.count() == 0 => return Ok(()),
                 Ok(_) => {}

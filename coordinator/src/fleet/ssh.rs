@@ -4,7 +4,7 @@
 //! A worker lives as long as its stdin on the other side: whatever ends this process, the line breaks, and the worker
 //! is told to leave. The token is the first line that comes that way.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
@@ -118,7 +118,7 @@ struct Host {
 pub(super) struct Hosts(Vec<Host>);
 
 impl Hosts {
-    pub(super) fn new(path: &PathBuf) -> Result<Self, String> {
+    pub(super) fn new(path: &Path) -> Result<Self, String> {
         let host = |name| Host { name, work: None, not_before: None, retry: RETRY.0, failure: None, good: false };
         Ok(Self(hosts(path)?.into_iter().map(host).collect()))
     }

@@ -61,6 +61,8 @@ pub(in crate::farm) enum Note {
     Counted { worker: WorkerKey, pixels: u64, rays: RayCounts, busy: Duration },
     /// Tiles that it was given and did not deliver.
     Lost { worker: WorkerKey, tiles: u64 },
+    /// A tile of it was rendered again elsewhere and is the same.
+    Verified { id: WorkerId },
 }
 
 /// Ends a worker's session, telling it why; gives what it is told.

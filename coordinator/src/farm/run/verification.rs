@@ -187,9 +187,11 @@ impl Run {
             agreed: closed.liars.is_empty(),
         };
         let holds = !closed.liars.contains(&closed.maker);
-        if let Some(place) = self.roster.place(closed.maker).filter(|_| holds) {
+        if holds {
+            self.notes.push(Note::Verified { id: closed.maker });
+            let place = self.roster.place(closed.maker);
             self.progress.send_modify(|p| {
-                if let Some(w) = p.workers.get_mut(place) {
+                if let Some(w) = place.and_then(|place| p.workers.get_mut(place)) {
                     w.verified += 1;
                 }
             });
