@@ -326,6 +326,8 @@ async fn with_certificates_of_an_authority_of_ones_own_workers_need_no_token() {
     let [his_cert, his_key, his_ca] = others.writes(folder.path(), "his", "127.0.0.1", 2100);
     keeps_out(running.addr, with(&ca, Some((&his_cert, &his_key)))).await;
     keeps_out(running.addr, with(&his_ca, Some((&cert, &key)))).await;
+    let [old_cert, old_key, _] = firm.writes(folder.path(), "old", "worker", 2001);
+    keeps_out(running.addr, with(&ca, Some((&old_cert, &old_key)))).await;
     assert_painted(&running.end().await.unwrap());
     let running = guarded(painted(), &access).await;
     comes(running.addr, with(&ca, Some((&cert, &key)))).await.unwrap();

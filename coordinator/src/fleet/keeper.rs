@@ -62,19 +62,19 @@ impl Keeper {
     pub fn start(fleet: Fleet, demand: watch::Receiver<Demand>, must_start: bool) -> Result<Self, FleetError> {
         let (stop, failed) = (CancellationToken::new(), CancellationToken::new());
         let (stopped, tell) = (stop.clone(), failed.clone());
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .map_err(|e| FleetError::Start(e.to_string()))?;
         let engine = fleet.engine.to_string();
         let refused = |e: CallError| FleetError::Refused { engine, why: e.to_string() };
         let place = Place::new(&fleet.engine).map_err(refused)?;
         let keep = move || {
-            let kept = runtime.block_on(async {
-                let mut kept = Kept::new(fleet, place, must_start);
-                let ran = kept.run(demand, &stopped).await;
-                let ended = kept.end().await;
-                ran.and(ended)
+            // It may not be dropped where another one runs.
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            let kept = runtime.map_err(|e| FleetError::Start(e.to_string())).and_then(|runtime| {
+                runtime.block_on(async {
+                    let mut kept = Kept::new(fleet, place, must_start);
+                    let ran = kept.run(demand, &stopped).await;
+                    let ended = kept.end().await;
+                    ran.and(ended)
+                })
             });
             if kept.is_err() {
                 tell.cancel();
