@@ -11,7 +11,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use tessera_core::scene::{Orientation, Picture, Pigment, PlanePosition, Rgb, Scene, SurfaceId};
+use tessera_core::scene::{Orientation, Pigment, PlanePosition, Rgb, Scene, SurfaceId, Texture};
 use tessera_core::settings::{Settings, Transfer};
 
 /// Writes `name`.pov and the pictures it uses, as pixmaps, into `folder`; returns the scene's path.
@@ -22,7 +22,7 @@ use tessera_core::settings::{Settings, Transfer};
 /// # Errors
 /// What writing files can meet.
 pub fn export(scene: &Scene, settings: &Settings, folder: &Path, name: &str) -> io::Result<PathBuf> {
-    for (i, picture) in scene.pictures().iter().enumerate() {
+    for (i, picture) in scene.textures().iter().enumerate() {
         let mut out = BufWriter::new(File::create(folder.join(picture_file(name, i)))?);
         write_ppm(picture, &mut out)?;
         out.flush()?;
@@ -38,7 +38,7 @@ fn picture_file(name: &str, index: usize) -> String {
     format!("{name}-{index}.ppm")
 }
 
-fn write_ppm(picture: &Picture, out: &mut impl Write) -> io::Result<()> {
+fn write_ppm(picture: &Texture, out: &mut impl Write) -> io::Result<()> {
     write!(out, "P6\n{} {}\n{}\n", picture.width(), picture.height(), picture.maxval())?;
     match picture.bytes() {
         Some(bytes) => out.write_all(bytes),
@@ -114,7 +114,7 @@ impl Writer<'_> {
         let surface = self.scene.surface(id);
         let pigment = match surface.pigment {
             Pigment::Color(c) => format!("rgb {}", self.color(c)),
-            Pigment::Picture(p) => {
+            Pigment::Texture(p) => {
                 let gamma = if self.transfer == Transfer::Srgb { "srgb" } else { "1.0" };
                 let file = picture_file(self.name, p.0 as usize);
                 let (map, matrix) = place.unwrap_or((0, [DVec3::X, DVec3::Y, DVec3::Z, DVec3::ZERO]));
@@ -135,7 +135,7 @@ impl Writer<'_> {
     fn of(&self, id: SurfaceId, place: impl FnOnce() -> (u8, [DVec3; 4])) -> String {
         match self.scene.surface(id).pigment {
             Pigment::Color(_) => format!("texture {{ T{} }}", id.0),
-            Pigment::Picture(_) => self.texture(id, Some(place())),
+            Pigment::Texture(_) => self.texture(id, Some(place())),
         }
     }
 
@@ -153,7 +153,7 @@ impl Writer<'_> {
                 Object::Triangle(i) => Some(scene.triangles()[i].surface()),
                 _ => None,
             };
-            let pictured = surface.is_some_and(|s| matches!(scene.surface(s).pigment, Pigment::Picture(_)));
+            let pictured = surface.is_some_and(|s| matches!(scene.surface(s).pigment, Pigment::Texture(_)));
             if let Some(open) = mesh
                 && (surface != Some(open) || pictured)
             {

@@ -2,8 +2,8 @@
 //!
 //! Data walks one way through the rooms: [`xml`] (text, checked and positioned)
 //! → [`scene`] (resolved and immutable) → `geometry` and `bvh` (what rays meet)
-//! → [`trace`] (radiance along a ray) → [`sampling`] (which rays) → [`film`]
-//! (tiles, pictures, files). `xml` and `trace` do not know each other.
+//! → [`trace`] (radiance along a ray) → [`sampling`] (which rays) → `render`
+//! (tiles) → [`film`] (pictures, files). `xml` and `trace` do not know each other.
 //!
 //! This crate does no networking, reads no clock, spawns no async task and
 //! prints nothing.
@@ -13,6 +13,7 @@ mod bvh;
 pub mod film;
 mod geometry;
 pub mod precise;
+mod render;
 pub mod sampling;
 pub mod scene;
 pub mod settings;

@@ -1,6 +1,6 @@
 //! Colours as the image model has them, from the numbers a scene holds.
 
-use tessera_core::scene::{Picture, Pigment, Rgb, Scene};
+use tessera_core::scene::{Pigment, Rgb, Scene, Texture};
 use tessera_core::settings::Transfer;
 
 /// How a coordinate outside the picture is brought inside.
@@ -30,7 +30,7 @@ pub fn linear_rgb(color: Rgb, transfer: Transfer) -> Rgb {
 
 /// The picture's colour at (u, v), u to the right, v upward, bilinear between texel centres.
 #[must_use]
-pub fn bilinear(picture: &Picture, [u, v]: [f64; 2], edges: [Edge; 2], transfer: Transfer) -> Rgb {
+pub fn bilinear(picture: &Texture, [u, v]: [f64; 2], edges: [Edge; 2], transfer: Transfer) -> Rgb {
     let (w, h) = (i64::from(picture.width()), i64::from(picture.height()));
     let (x, y) = (u * w as f64 - 0.5, (1.0 - v) * h as f64 - 0.5);
     let (x0, y0) = (x.floor(), y.floor());
@@ -51,9 +51,9 @@ pub fn bilinear(picture: &Picture, [u, v]: [f64; 2], edges: [Edge; 2], transfer:
 pub fn color(scene: &Scene, pigment: &Pigment, transfer: Transfer, uv: impl FnOnce() -> ([f64; 2], [Edge; 2])) -> Rgb {
     match pigment {
         Pigment::Color(c) => linear_rgb(*c, transfer),
-        Pigment::Picture(id) => {
+        Pigment::Texture(id) => {
             let (uv, edges) = uv();
-            bilinear(&scene.pictures()[id.0 as usize], uv, edges, transfer)
+            bilinear(&scene.textures()[id.0 as usize], uv, edges, transfer)
         }
     }
 }

@@ -194,7 +194,7 @@ fn span(scene: &Scene) -> usize {
     all.extend(scene.lights());
     all.extend(scene.spheres().iter().flat_map(|s| [s.center, DVec3::splat(s.radius)]));
     all.extend(scene.triangles().iter().flat_map(|t| t.written));
-    if !scene.pictures().is_empty() {
+    if !scene.textures().is_empty() {
         // On a plane they repeat in unit squares, however large the world is.
         all.push(DVec3::ONE);
     }

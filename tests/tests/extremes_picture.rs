@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
 
 use glam::{DVec3, dvec3};
-use tessera_core::scene::{Invalid, Orientation, Picture};
+use tessera_core::scene::{Invalid, Orientation, Texture};
 use tessera_core::settings::{Settings, View};
 use tessera_tests::generate::{Document, Item, Look, Random, globe};
 use tessera_tests::subject::{assert_right_under, colors, settings};
@@ -12,13 +12,13 @@ fn zoomed(plane_height: f64) -> Settings {
     Settings { view: View::new(63, 47, 1.0, plane_height).unwrap(), ..settings(63, 47) }
 }
 
-fn noise(width: u32, height: u32) -> Picture {
+fn noise(width: u32, height: u32) -> Texture {
     let mut random = Random::new(63);
     let samples = (0..3 * width * height).map(|_| random.below(256) as u8).collect();
-    Picture::from_bytes(width, height, 255, samples).unwrap()
+    Texture::from_bytes(width, height, 255, samples).unwrap()
 }
 
-fn pictured(eye: DVec3, target: DVec3, picture: Picture) -> Document {
+fn pictured(eye: DVec3, target: DVec3, picture: Texture) -> Document {
     let mut d = Document::new(eye, target).with(Item::Light(eye)).with_background(0.5, 0.0, 0.5);
     d.pictures.push(("p.ppm".into(), picture));
     d
@@ -97,9 +97,9 @@ fn case_62_pole_parallel_to_equator() {
 
 #[test]
 fn case_63_smallest_and_deepest_pictures() {
-    let one = Picture::from_bytes(1, 1, 1, vec![1, 0, 1]).unwrap();
-    let deep = Picture::from_words(2, 2, 65535, (0..12).map(|k| k * 5461).collect()).unwrap();
-    let odd = Picture::from_words(3, 1, 1000, vec![0, 500, 1000, 1000, 500, 0, 250, 750, 10]).unwrap();
+    let one = Texture::from_bytes(1, 1, 1, vec![1, 0, 1]).unwrap();
+    let deep = Texture::from_words(2, 2, 65535, (0..12).map(|k| k * 5461).collect()).unwrap();
+    let odd = Texture::from_words(3, 1, 1000, vec![0, 500, 1000, 1000, 500, 0, 250, 750, 10]).unwrap();
     for (name, picture) in [("one", one), ("deep", deep), ("odd", odd)] {
         let d = ball(pictured(dvec3(1.0, 2.0, -4.0), DVec3::ZERO, picture), DVec3::ZERO, 1.0, DVec3::Y, DVec3::X)
             .plane(dvec3(0.1, 1.0, 0.2), -1.5, Look::picture(0, 0.7, 0.3))

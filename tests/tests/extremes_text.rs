@@ -138,9 +138,9 @@ fn case_63_pictures() {
         read_bytes(text.into_bytes(), "scene.xml", Some(folder.path()), &ReadOptions::default())
     };
     let one = attempt(b"P3 1 1 1 1 0 1").unwrap().scene;
-    assert_eq!((one.pictures()[0].width(), one.pictures()[0].maxval(), one.pictures()[0].sample(0)), (1, 1, 1));
+    assert_eq!((one.textures()[0].width(), one.textures()[0].maxval(), one.textures()[0].sample(0)), (1, 1, 1));
     let deep = attempt(b"P6\n# deep\n1 1\n65535\n\xff\xff\x00\x00\x12\x34").unwrap().scene;
-    assert_eq!([0, 1, 2].map(|k| deep.pictures()[0].sample(k)), [65535, 0, 0x1234]);
+    assert_eq!([0, 1, 2].map(|k| deep.textures()[0].sample(k)), [65535, 0, 0x1234]);
     for bad in [
         &b"P6 2 2 255\n0123456789"[..],
         b"P6 1 1 65535\n01234",

@@ -67,7 +67,7 @@ impl Description {
         };
         let is_mirror: Vec<bool> = scene.surfaces().iter().map(|s| s.reflect > 0.0).collect();
         let is_pictured: Vec<bool> =
-            scene.surfaces().iter().map(|s| matches!(s.pigment, Pigment::Picture(_))).collect();
+            scene.surfaces().iter().map(|s| matches!(s.pigment, Pigment::Texture(_))).collect();
         let is_matte: Vec<bool> = scene.surfaces().iter().map(|s| s.diffuse > 0.0).collect();
         let count = |of: &[bool]| ids().filter(|&SurfaceId(i)| of[i as usize]).count() as u64;
         let (mirrors, pictured, matte) = (count(&is_mirror), count(&is_pictured), count(&is_matte));
@@ -122,7 +122,7 @@ impl Description {
             lights,
             surfaces: scene.surfaces().len() as u64,
             pictures: scene
-                .pictures()
+                .textures()
                 .iter()
                 .map(|p| PictureSize { width: p.width(), height: p.height(), maxval: p.maxval() })
                 .collect(),

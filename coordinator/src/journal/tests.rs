@@ -7,7 +7,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 use tempfile::TempDir;
 use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::scene::{Picture, Pigment, Scene, SceneBuilder, Surface};
+use tessera_core::scene::{Pigment, Scene, SceneBuilder, Surface, Texture};
 use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, Transfer, View};
 use tessera_core::trace::RayCounts;
 use tessera_proto::convert::{Lease, TileDone};
@@ -21,8 +21,8 @@ use crate::plan::Goal;
 fn scene(diffuse: f64, shade: u8) -> Scene {
     let mut b = SceneBuilder::new();
     b.camera(DVec3::new(0.0, 1.0, -5.0), DVec3::Y, DVec3::ZERO).unwrap();
-    let picture = b.picture(Picture::from_bytes(1, 1, 255, vec![shade; 3]).unwrap()).unwrap();
-    let surface = Surface { diffuse, pigment: Pigment::Picture(picture), ..Surface::default() };
+    let picture = b.texture(Texture::from_bytes(1, 1, 255, vec![shade; 3]).unwrap()).unwrap();
+    let surface = Surface { diffuse, pigment: Pigment::Texture(picture), ..Surface::default() };
     let surface = b.surface(surface).unwrap();
     b.sphere(DVec3::ZERO, 1.0, None, surface).unwrap();
     b.finish().unwrap()

@@ -5,7 +5,15 @@ use glam::DVec3;
 use super::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
-use crate::sampling::strata::Shape;
+
+/// Something that passes some pixels of a tile.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Shape {
+    /// The edge where this is 0.
+    Edge(Linear),
+    /// A ball's outline: its middle and two conjugate radii, in plane units.
+    Oval([f64; 2], [f64; 2], [f64; 2]),
+}
 
 /// What an object is to a tile under a lens. Inverse distances w = 1/t are in units of the direction's length.
 #[derive(Clone, Copy, Debug)]

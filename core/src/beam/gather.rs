@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::lens::{Lens, Tile};
-use crate::bvh::{Boxes, Coordinate, Link, Node, WIDTH, Wide};
+use crate::bvh::{Boxes, Bvh, Coordinate, Link, Node, WIDTH};
 
 /// A convex region of space.
 pub(crate) trait Volume {
@@ -130,21 +130,21 @@ fn mask(out: &[bool; WIDTH]) -> u8 {
 #[inline(always)]
 pub(crate) fn gather(boxes: &Boxes, volume: &impl Volume, most: usize, found: &mut Vec<u32>) -> bool {
     match boxes {
-        Boxes::Single(wide) => gather_among(wide, volume, most, found),
-        Boxes::Double(wide) => gather_among(wide, volume, most, found),
+        Boxes::F32(bvh) => gather_among(bvh, volume, most, found),
+        Boxes::F64(bvh) => gather_among(bvh, volume, most, found),
     }
 }
 
 #[inline(always)]
-fn gather_among<T: Coordinate>(wide: &Wide<T>, volume: &impl Volume, most: usize, found: &mut Vec<u32>) -> bool {
-    if wide.nodes.is_empty() {
+fn gather_among<T: Coordinate>(bvh: &Bvh<T>, volume: &impl Volume, most: usize, found: &mut Vec<u32>) -> bool {
+    if bvh.nodes.is_empty() {
         return true;
     }
     let mut stack = [0u32; 512];
     let mut top = 1;
     while top > 0 {
         top -= 1;
-        let node: &Node<T> = &wide.nodes[stack[top] as usize];
+        let node: &Node<T> = &bvh.nodes[stack[top] as usize];
         let (mut lo, mut hi) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
         for k in 0..3 {
             for s in 0..WIDTH {
@@ -166,7 +166,7 @@ fn gather_among<T: Coordinate>(wide: &Wide<T>, volume: &impl Volume, most: usize
                     if found.len() + count > most {
                         return false;
                     }
-                    found.extend_from_slice(&wide.ids[usize::from(kind)][start..start + count]);
+                    found.extend_from_slice(&bvh.ids[usize::from(kind)][start..start + count]);
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::sampling::points::UNIT;
+use crate::trace::UNIT;
 
 /// Pixels along a tile's edge.
 pub(crate) const EDGE: u32 = 8;

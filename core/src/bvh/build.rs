@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::coordinate::{Coordinate, Quad};
 use super::split::{Item, Run, cut};
-use super::wide::{Child, Node, WIDTH, Wide};
+use super::tree::{Bvh, Child, Node, WIDTH};
 
 /// The most items of a leaf.
 const MAX_LEAF: usize = 8;
@@ -60,25 +60,25 @@ impl<'a> Builder<'a> {
     }
 
     /// The hierarchy over `items`, which are put in another order. Uses the calling rayon pool.
-    pub(crate) fn build<T: Coordinate>(&self, items: &mut [Item<T>]) -> Wide<T> {
-        let mut wide = Wide::default();
+    pub(crate) fn build<T: Coordinate>(&self, items: &mut [Item<T>]) -> Bvh<T> {
+        let mut bvh = Bvh::default();
         if items.is_empty() {
-            return wide;
+            return bvh;
         }
         let mut root = Run::new(items, 0, 0);
-        wide.lo = root.bounds.lo.xyz().map(T::to_f64);
-        wide.hi = root.bounds.hi.xyz().map(T::to_f64);
+        bvh.lo = root.bounds.lo.xyz().map(T::to_f64);
+        bvh.hi = root.bounds.hi.xyz().map(T::to_f64);
         self.cut_ahead(items, &mut root);
         let Some(runs) = self.divide(items, 0, &mut root) else {
             let mut node = Node::default();
-            let leaf = self.leaf(&items[..root.len], &mut wide);
+            let leaf = self.leaf(&items[..root.len], &mut bvh);
             node.set(0, &root.bounds, leaf);
-            wide.nodes.push(node);
-            return wide;
+            bvh.nodes.push(node);
+            return bvh;
         };
         let mut tasks = (items.len() > ALONE).then(Vec::new);
-        self.node(items, 0, runs, &mut wide, &mut tasks);
-        let Some(tasks) = tasks else { return wide };
+        self.node(items, 0, runs, &mut bvh, &mut tasks);
+        let Some(tasks) = tasks else { return bvh };
         let mut rest = (items, 0);
         let mut work = Vec::with_capacity(tasks.len());
         for Task { runs, parent, slot } in tasks {
@@ -90,12 +90,12 @@ impl<'a> Builder<'a> {
         let parts: Vec<_> = work
             .into_par_iter()
             .map(|(items, runs, place)| {
-                let mut part = Wide::default();
+                let mut part = Bvh::default();
                 self.node(items, runs[0].start, runs, &mut part, &mut None);
                 (part, place)
             })
             .collect();
-        wide.with(parts)
+        bvh.with(parts)
     }
 
     fn kind(&self, tag: u32) -> u8 {
@@ -224,7 +224,7 @@ impl<'a> Builder<'a> {
         items: &mut [Item<T>],
         base: usize,
         runs: [Run<T>; 2],
-        out: &mut Wide<T>,
+        out: &mut Bvh<T>,
         tasks: &mut Option<Vec<Task<T>>>,
     ) -> Child {
         let parent = out.nodes.len();
@@ -244,7 +244,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Adds the items of a leaf but those that are hidden.
-    fn leaf<T: Coordinate>(&self, items: &[Item<T>], out: &mut Wide<T>) -> Child {
+    fn leaf<T: Coordinate>(&self, items: &[Item<T>], out: &mut Bvh<T>) -> Child {
         let kind = self.kind(items[0].tag());
         let ids = &mut out.ids[usize::from(kind)];
         let first = ids.len();

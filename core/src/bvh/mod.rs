@@ -10,18 +10,18 @@
 mod build;
 mod coordinate;
 mod split;
-mod wide;
+mod tree;
 
 pub(crate) use build::Builder;
 pub(crate) use coordinate::Coordinate;
 pub(crate) use split::Item;
-pub(crate) use wide::{Child, Link, Node, WIDTH, Wide};
+pub(crate) use tree::{Bvh, Child, Link, Node, WIDTH};
 
 /// The hierarchy, in the narrowest coordinates that serve the scene.
 #[derive(Debug)]
 pub(crate) enum Boxes {
     /// Boxes rounded outward to f32.
-    Single(Wide<f32>),
+    F32(Bvh<f32>),
     /// Boxes in f64, where outward rounding to f32 would enlarge them noticeably.
-    Double(Wide<f64>),
+    F64(Bvh<f64>),
 }

@@ -9,12 +9,11 @@
 //! **Bounds.** A [`Ray`] says how far it may be from the ray of real arithmetic. Each
 //! `test` function returns a [`Span`] that surely contains the real distance, and says
 //! whether the hit itself is sure. What is not sure is decided elsewhere
-//! (`trace::arbiter`), never by a tolerance.
+//! (`trace::exact`), never by a tolerance.
 
 pub(crate) mod aabb;
-mod double;
+mod double_double;
 pub(crate) mod giant;
-pub(crate) mod local;
 pub(crate) mod plane;
 pub(crate) mod ray;
 pub(crate) mod real;
@@ -22,8 +21,7 @@ pub(crate) mod sphere;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
-pub(crate) use double::DoubleDouble;
-pub(crate) use local::{Local, ObjectId};
+pub(crate) use double_double::DoubleDouble;
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
 pub(crate) use real::{Real, Scalar, V3};
 

@@ -13,10 +13,10 @@ use rayon::prelude::*;
 
 use super::audit::{self, Audited};
 use super::composite::Composite;
+use super::coverage::{self, Shapes};
 use super::pixel::{Pixel, Rule};
 use super::points::{Sequence, centre, with_apron};
 use super::proof::{Doubt, prove};
-use super::strata::{self, Shapes};
 use crate::beam::lens::EDGE;
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::settings::{AuditRate, Tolerance};
@@ -160,7 +160,7 @@ impl Doubts {
                     continue;
                 }
                 let middle = centre(view, x, y);
-                let parts = strata::parts(shapes, index, (f64::from(middle.x), f64::from(middle.y)));
+                let parts = coverage::parts(shapes, index, (f64::from(middle.x), f64::from(middle.y)));
                 if !parts.is_empty() {
                     let doubt = f64::from(doubt[index as usize]);
                     composites.push(Composite::new((x, y), PICTURE, parts, doubt));

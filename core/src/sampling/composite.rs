@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
+use super::coverage::{PixelPoint, Polygon};
 use super::pixel::{Pixel, Rule};
 use super::points::Sequence;
-use super::strata::{Place, Polygon};
 use crate::settings::View;
 use crate::trace::{PlanePoint, Sample};
 
@@ -108,7 +108,7 @@ impl Composite {
     /// Takes in what these points show.
     pub(crate) fn take(&mut self, view: &View, wanted: &[u32], mut samples: &[Sample]) {
         let polygons: Vec<Polygon> = self.parts.iter().map(|p| p.polygon.clone()).collect();
-        let before = |k: usize, place: Place| polygons[..k].iter().any(|p| p.contains(place));
+        let before = |k: usize, place: PixelPoint| polygons[..k].iter().any(|p| p.contains(place));
         for k in 0..self.parts.len() {
             let sequence = self.sequence(view, k + 1);
             let part = &mut self.parts[k];

@@ -8,12 +8,8 @@
 
 use crate::film::Region;
 use crate::settings::View;
-use crate::trace::PlanePoint;
+use crate::trace::{GRID, PlanePoint, UNIT};
 
-/// Plane units along a pixel's edge. Points lie at odd numbers of units, so that their mean is the centre.
-pub(crate) const UNIT: i32 = 1 << 15;
-/// The plane's grid: its unit is half a cell.
-pub(crate) const GRID: u32 = UNIT as u32 / 2;
 /// Bits of a point's place along an axis of its pixel.
 const BITS: u32 = UNIT.trailing_zeros() - 1;
 

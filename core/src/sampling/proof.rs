@@ -9,15 +9,15 @@ use glam::DVec3;
 use crate::beam::cover::{self, Cover, Depth, Outline};
 use crate::beam::gather::{Pyramid, gather};
 use crate::beam::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
-use crate::geometry::ObjectId;
-use crate::geometry::local::{Kind, kind};
+use crate::scene::ObjectId;
 use crate::scene::Pigment;
+use crate::scene::local::{Kind, kind};
 use crate::simd::{Kernel, Simd};
 use crate::trace::{PlanePoint, Tracer};
 
+use super::coverage::Shapes;
 use super::shadows::{APART, Group, Receiver};
 use super::sheet;
-use super::strata::Shapes;
 
 /// Flat mirrors that are looked into, one behind the other.
 const MIRRORS: u32 = 4;
@@ -290,7 +290,7 @@ impl<'a> View<'a> {
             let id = ObjectId(receiver.id);
             let material = self.tracer.material(id);
             let albedo = material.albedo.max_element();
-            if let Pigment::Picture(_) = material.pigment
+            if let Pigment::Texture(_) = material.pigment
                 && albedo > 0.0
             {
                 open(doubt, receiver.pixels, self.weight * albedo);

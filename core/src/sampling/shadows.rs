@@ -2,14 +2,14 @@
 
 use glam::DVec3;
 
-use crate::beam::cover::Depth;
+use crate::beam::cover::{Depth, Shape};
 use crate::beam::gather::{Shaft, gather};
 use crate::beam::lens::{MARGIN, Pixels, Tile, pixels_above, row};
-use crate::geometry::ObjectId;
-use crate::geometry::local::{Kind, kind};
+use crate::scene::ObjectId;
+use crate::scene::local::{Kind, kind};
 
+use super::coverage::Shapes;
 use super::proof::{Doubt, MIDDLE, View, object, open, supporting_plane};
-use super::strata::{Shape, Shapes};
 
 /// Of a sheet of more triangles than this, the edges of shadows are not told apart.
 pub(super) const APART: usize = 2;

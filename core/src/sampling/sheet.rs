@@ -3,10 +3,11 @@
 
 use glam::DVec3;
 
+use crate::beam::cover::Shape;
 use crate::beam::lens::{Pixels, pixels_above};
 
+use super::coverage::Shapes;
 use super::proof::{Candidate, View};
-use super::strata::{Shape, Shapes};
 
 /// Pixels that are covered by exactly one layer of triangles that turn one way, by the way they turn.
 pub(super) struct Sheets {

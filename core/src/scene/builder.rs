@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::{
-    Camera, Order, Orientation, Picture, PictureId, Pigment, Plane, PlanePosition, Rgb, Scene, Sphere, Surface,
-    SurfaceId, Triangle,
+    Camera, Order, Orientation, Pigment, Plane, PlanePosition, Rgb, Scene, Sphere, Surface, SurfaceId, Texture,
+    TextureId, Triangle,
 };
 use crate::precise::predicates::{parallel, parallel_to_view};
 use crate::simd::roomy;
@@ -75,7 +75,7 @@ pub struct SceneBuilder {
     triangles: Vec<Triangle>,
     surfaces: Vec<Surface>,
     surface_ids: HashMap<[u64; 5], SurfaceId>,
-    pictures: Vec<Picture>,
+    pictures: Vec<Texture>,
     next_order: Order,
 }
 
@@ -143,10 +143,10 @@ impl SceneBuilder {
     ///
     /// # Errors
     /// More pictures than ids.
-    pub fn picture(&mut self, picture: Picture) -> Result<PictureId, Invalid> {
+    pub fn texture(&mut self, picture: Texture) -> Result<TextureId, Invalid> {
         let id = u32::try_from(self.pictures.len()).map_err(|_| Invalid::TooMany)?;
         self.pictures.push(picture);
-        Ok(PictureId(id))
+        Ok(TextureId(id))
     }
 
     /// The id of `surface`, the same for equal surfaces.
@@ -161,7 +161,7 @@ impl SceneBuilder {
                 let c = [share(r)? + 0.0, share(g)? + 0.0, share(b)? + 0.0];
                 (Pigment::Color(c), c.map(f64::to_bits))
             }
-            Pigment::Picture(PictureId(id)) => {
+            Pigment::Texture(TextureId(id)) => {
                 if id as usize >= self.pictures.len() {
                     return Err(Invalid::Unknown(id));
                 }
@@ -248,7 +248,7 @@ impl SceneBuilder {
         if let Some(o) = &orientation {
             Self::check_orientation(o)?;
         }
-        if matches!(self.surfaces[surface.0 as usize].pigment, Pigment::Picture(_)) {
+        if matches!(self.surfaces[surface.0 as usize].pigment, Pigment::Texture(_)) {
             let index = u32::try_from(self.spheres.len()).map_err(|_| Invalid::TooMany)?;
             let o = orientation.unwrap_or(Orientation { pole: DVec3::Y, equator: DVec3::X });
             self.orientations.push((index, o));

@@ -6,11 +6,13 @@
 //! vectors as written: nothing is normalised, rounded or moved here.
 
 mod builder;
-mod picture;
+pub(crate) mod local;
 pub mod pixmap;
+mod texture;
 
 pub use builder::{Invalid, SceneBuilder};
-pub use picture::{Picture, PictureError};
+pub(crate) use local::{Local, ObjectId};
+pub use texture::{Texture, TextureError};
 
 use glam::DVec3;
 
@@ -23,7 +25,7 @@ pub struct SurfaceId(pub u32);
 
 /// Index into [`Scene::pictures`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct PictureId(pub u32);
+pub struct TextureId(pub u32);
 
 /// Place of an object among all objects of its document; breaks ties between equal distances.
 pub type Order = u32;
@@ -72,7 +74,7 @@ pub enum Pigment {
     /// The same everywhere.
     Color(Rgb),
     /// Taken from a picture.
-    Picture(PictureId),
+    Texture(TextureId),
 }
 
 impl Default for Surface {
@@ -186,7 +188,7 @@ pub struct Scene {
     orientations: Vec<(u32, Orientation)>,
     triangles: Vec<Triangle>,
     surfaces: Vec<Surface>,
-    pictures: Vec<Picture>,
+    pictures: Vec<Texture>,
 }
 
 impl Scene {
@@ -230,9 +232,9 @@ impl Scene {
     pub fn surface(&self, id: SurfaceId) -> &Surface {
         &self.surfaces[id.0 as usize]
     }
-    /// Pictures that some surface uses; what [`PictureId`]s index.
+    /// Pictures that some surface uses; what [`TextureId`]s index.
     #[must_use]
-    pub fn pictures(&self) -> &[Picture] {
+    pub fn textures(&self) -> &[Texture] {
         &self.pictures
     }
     /// The orientations of pictured spheres as (index into [`Scene::spheres`], orientation),

@@ -1,4 +1,4 @@
-//! Portable pixmaps (P3, P6): files and bytes into [`Picture`]s.
+//! Portable pixmaps (P3, P6): files and bytes into [`Texture`]s.
 //!
 //! The raster is read by the `image` crate. The header is read here, because of
 //! what that decoder does with one: it takes a height of 0, spends seconds on
@@ -15,7 +15,7 @@ use std::path::Path;
 use image::ImageDecoder;
 use image::codecs::pnm::PnmDecoder;
 
-use super::{Picture, PictureError};
+use super::{Texture, TextureError};
 
 /// The longest header, comments included, in bytes.
 const MAX_HEADER: u64 = 1 << 20;
@@ -81,7 +81,7 @@ pub enum PixmapError {
 /// # Errors
 /// When it is no regular file (nothing else is opened, so that a FIFO cannot
 /// block), cannot be read, or is no whole pixmap.
-pub fn load(path: &Path) -> Result<Picture, PixmapError> {
+pub fn load(path: &Path) -> Result<Texture, PixmapError> {
     let refuse = |m: &std::fs::Metadata| (!m.is_file()).then(|| PixmapError::NotAFile(kind(m)));
     let wrap =
         |e: io::Error| if e.kind() == io::ErrorKind::NotFound { PixmapError::Missing } else { PixmapError::Io(e) };
@@ -102,7 +102,7 @@ pub fn load(path: &Path) -> Result<Picture, PixmapError> {
 ///
 /// # Errors
 /// When they are no whole pixmap.
-pub fn decode(bytes: &[u8]) -> Result<Picture, PixmapError> {
+pub fn decode(bytes: &[u8]) -> Result<Texture, PixmapError> {
     read(bytes, bytes.len() as u64)
 }
 
@@ -205,7 +205,7 @@ fn show(bytes: &[u8]) -> String {
     if bytes.is_empty() { "nothing".into() } else { format!("'{}'", bytes.escape_ascii()) }
 }
 
-fn read<R: BufRead>(reader: R, length: u64) -> Result<Picture, PixmapError> {
+fn read<R: BufRead>(reader: R, length: u64) -> Result<Texture, PixmapError> {
     let mut input = Counted { inner: reader, taken: 0, last: None };
     let mut magic = Vec::with_capacity(2);
     while magic.len() < 2 {
@@ -220,7 +220,7 @@ fn read<R: BufRead>(reader: R, length: u64) -> Result<Picture, PixmapError> {
         other => return Err(PixmapError::Magic(show(other))),
     };
     let (w, h) = (input.number("width")?, input.number("height")?);
-    let samples = w.checked_mul(h).and_then(|n| n.checked_mul(3)).filter(|&n| n <= Picture::MAX_SAMPLES as u64);
+    let samples = w.checked_mul(h).and_then(|n| n.checked_mul(3)).filter(|&n| n <= Texture::MAX_SAMPLES as u64);
     let (Some(samples), Ok(width), Ok(height)) = (samples, u32::try_from(w), u32::try_from(h)) else {
         return Err(PixmapError::Size(w, h));
     };
@@ -266,14 +266,14 @@ fn read<R: BufRead>(reader: R, length: u64) -> Result<Picture, PixmapError> {
         let pixel = index / 3;
         PixmapError::Sample { column: pixel % width as usize, row: pixel / width as usize, value, maxval }
     };
-    let unfit = |e: PictureError| PixmapError::Raster(e.to_string());
+    let unfit = |e: TextureError| PixmapError::Raster(e.to_string());
     if full == 255 {
         let mut bytes = vec![0_u8; samples];
         decode(&mut bytes)?;
         if let Some(i) = bytes.iter().position(|&b| u16::from(b) > maxval) {
             return Err(above(i, bytes[i].into()));
         }
-        Picture::from_bytes(width, height, maxval as u8, bytes).map_err(unfit)
+        Texture::from_bytes(width, height, maxval as u8, bytes).map_err(unfit)
     } else {
         let mut native = vec![0_u8; 2 * samples];
         decode(&mut native)?;
@@ -282,9 +282,9 @@ fn read<R: BufRead>(reader: R, length: u64) -> Result<Picture, PixmapError> {
             return Err(above(i, v));
         }
         if wide {
-            Picture::from_words(width, height, maxval, words.collect()).map_err(unfit)
+            Texture::from_words(width, height, maxval, words.collect()).map_err(unfit)
         } else {
-            Picture::from_bytes(width, height, maxval as u8, words.map(|v| v as u8).collect()).map_err(unfit)
+            Texture::from_bytes(width, height, maxval as u8, words.map(|v| v as u8).collect()).map_err(unfit)
         }
     }
 }

@@ -5,16 +5,16 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Double, Floats, LANES, Mask, Octet, Simd, Single};
+use super::{F32x8, F32x16, F64x8, Floats, LANES, Mask, Simd};
 use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrays;
 
 impl Simd for Arrays {
-    type Single = S16;
-    type Octet = S8;
-    type Double = D8;
+    type F32x16 = S16;
+    type F32x8 = S8;
+    type F64x8 = D8;
     #[inline(always)]
     fn narrow(low: D8, high: D8) -> S16 {
         let mut to = [0.0; LANES];
@@ -211,7 +211,7 @@ macro_rules! floats {
 floats!(S16, LANES, Mask, mask16);
 floats!(S8, 8, u8, mask8);
 
-impl Single for S16 {
+impl F32x16 for S16 {
     #[inline(always)]
     fn load(x: &[f32; LANES]) -> Self {
         Self(*x)
@@ -230,7 +230,7 @@ impl Single for S16 {
     }
 }
 
-impl Octet for S8 {
+impl F32x8 for S8 {
     #[inline(always)]
     fn load(x: &[f32; 8]) -> Self {
         Self(*x)
@@ -272,7 +272,7 @@ impl Real for D8 {
     }
 }
 
-impl Double for D8 {
+impl F64x8 for D8 {
     #[inline(always)]
     fn load(x: &[f64; 8]) -> Self {
         Self(*x)

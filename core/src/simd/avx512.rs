@@ -6,16 +6,16 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Double, Floats, LANES, Mask, Octet, Simd, Single};
+use super::{F32x8, F32x16, F64x8, Floats, LANES, Mask, Simd};
 use crate::geometry::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Avx512;
 
 impl Simd for Avx512 {
-    type Single = S16;
-    type Octet = S8;
-    type Double = D8;
+    type F32x16 = S16;
+    type F32x8 = S8;
+    type F64x8 = D8;
     #[inline(always)]
     fn narrow(low: D8, high: D8) -> S16 {
         // SAFETY: the processor has AVX-512, see the module.
@@ -190,7 +190,7 @@ floats!(
     _mm256_mask_blend_ps
 );
 
-impl Single for S16 {
+impl F32x16 for S16 {
     #[inline(always)]
     fn load(x: &[f32; LANES]) -> Self {
         // SAFETY: the processor has AVX-512, see the module; the array holds sixteen f32.
@@ -213,7 +213,7 @@ impl Single for S16 {
     }
 }
 
-impl Octet for S8 {
+impl F32x8 for S8 {
     #[inline(always)]
     fn load(x: &[f32; 8]) -> Self {
         // SAFETY: the processor has AVX-512, see the module; the array holds eight f32.
@@ -263,7 +263,7 @@ impl Real for D8 {
     }
 }
 
-impl Double for D8 {
+impl F64x8 for D8 {
     #[inline(always)]
     fn load(x: &[f64; 8]) -> Self {
         // SAFETY: the processor has AVX-512, see the module; the array holds eight f64.

@@ -59,7 +59,7 @@ pub(crate) trait Floats:
 }
 
 /// Sixteen f32: the rays of a packet before one box or object.
-pub(crate) trait Single: Floats<Mask = Mask> {
+pub(crate) trait F32x16: Floats<Mask = Mask> {
     fn load(x: &[f32; LANES]) -> Self;
     fn store(self, to: &mut [f32; LANES]);
     /// The least lane; no lane may be NaN.
@@ -69,13 +69,13 @@ pub(crate) trait Single: Floats<Mask = Mask> {
 }
 
 /// Eight f32: the boxes of a node or the objects of a leaf before one ray.
-pub(crate) trait Octet: Floats<Mask = u8> {
+pub(crate) trait F32x8: Floats<Mask = u8> {
     fn load(x: &[f32; 8]) -> Self;
     fn store(self, to: &mut [f32; 8]);
 }
 
 /// Eight f64.
-pub(crate) trait Double: Real {
+pub(crate) trait F64x8: Real {
     fn load(x: &[f64; 8]) -> Self;
     fn store(self, to: &mut [f64; 8]);
     /// Lanes where self > 0.
@@ -88,11 +88,11 @@ pub(crate) trait Double: Real {
 
 /// A set of vector types that one level offers.
 pub(crate) trait Simd: Copy + Send + Sync + 'static {
-    type Single: Single;
-    type Octet: Octet;
-    type Double: Double;
+    type F32x16: F32x16;
+    type F32x8: F32x8;
+    type F64x8: F64x8;
     /// Sixteen f64 rounded to f32.
-    fn narrow(low: Self::Double, high: Self::Double) -> Self::Single;
+    fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// Lanes of `x` that equal `y`.
     fn equal(x: &[u32; LANES], y: u32) -> Mask;
     /// The elements of `x` in `mask`, moved to the front; zeros follow.

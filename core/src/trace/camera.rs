@@ -2,12 +2,16 @@
 
 use glam::DVec3;
 
-use super::arbiter::{ExactRay, LAST};
+use super::exact::{ExactRay, LAST};
 use crate::geometry::{DoubleDouble, Ray, Real, U, V3};
 use crate::precise::{Big, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
 
+/// Plane units along a pixel's edge. Points lie at odd numbers of units, so that their mean is the centre.
+pub(crate) const UNIT: i32 = 1 << 15;
+/// The plane's grid: its unit is half a cell.
+pub(crate) const GRID: u32 = UNIT as u32 / 2;
 /// A point of the image plane: `x` to the right and `y` up from the picture's middle, in
 /// units of 1/(2·grid) pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -18,7 +22,7 @@ pub struct PlanePoint {
     pub y: i32,
 }
 
-/// Wide enough for products of the sky and two differences of points.
+/// Bvh enough for products of the sky and two differences of points.
 type Exact = Vector<104>;
 
 /// Bound on a camera ray's direction, see [`Frame::ray`].

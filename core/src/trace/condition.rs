@@ -42,7 +42,7 @@ impl PreparedScene {
     #[must_use]
     pub fn condition(&self) -> Condition {
         let scene = self.scene();
-        let world = |x: f64| crate::geometry::local::ldexp(x, self.local.power);
+        let world = |x: f64| crate::scene::local::ldexp(x, self.local.power);
         let triangle = |t: &crate::scene::Triangle| {
             let v = self.local.triangle(t).v;
             let edges = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];
@@ -62,8 +62,8 @@ impl PreparedScene {
             .map(|s| 2.0 * s.r)
             .fold((least, most), |(least, most), d| (least.min(d), most.max(d)));
         let (reach, kept) = match &self.boxes {
-            Boxes::Single(wide) => (wide.reach(), wide.ids.each_ref().map(Vec::len)),
-            Boxes::Double(wide) => (wide.reach(), wide.ids.each_ref().map(Vec::len)),
+            Boxes::F32(bvh) => (bvh.reach(), bvh.ids.each_ref().map(Vec::len)),
+            Boxes::F64(bvh) => (bvh.reach(), bvh.ids.each_ref().map(Vec::len)),
         };
         let near_planes = self.near_planes(reach);
         Condition {
@@ -77,7 +77,7 @@ impl PreparedScene {
             shared: self.shared_planes(),
             giants: self.giants.spheres.len() + self.giants.triangles.len(),
             near_planes,
-            single_boxes: matches!(self.boxes, Boxes::Single(_)),
+            single_boxes: matches!(self.boxes, Boxes::F32(_)),
             outgrown: self.outgrown,
             packets: self.filter.is_some(),
         }

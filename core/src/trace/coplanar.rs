@@ -14,12 +14,13 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use glam::DVec3;
 
-use super::arbiter::Decision;
+use super::exact::Decision;
 use super::prepared::PreparedScene;
 use super::proof::{direction, lengths, to_integers};
-use crate::geometry::local::{Kind, kind};
-use crate::geometry::{Local, ObjectId, V3};
+use crate::geometry::V3;
 use crate::precise::{Ball, Balls, Unsure, zero_area};
+use crate::scene::local::{Kind, kind};
+use crate::scene::{Local, ObjectId};
 use crate::scene::{PlanePosition, Scene};
 use residue::Residue;
 

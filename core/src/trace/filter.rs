@@ -7,7 +7,8 @@ use super::giants::Giants;
 use super::packet::{Leaves, U32};
 use crate::bvh::{Boxes, Coordinate};
 use crate::geometry::giant::{GiantSphere, GiantTriangle};
-use crate::geometry::{Local, U, V3};
+use crate::geometry::{U, V3};
+use crate::scene::Local;
 use crate::scene::Scene;
 
 /// Numbers of a triangle, as linear functions of a point P: the unit normal n and n · c0; u and u0,
@@ -129,7 +130,7 @@ fn triangle(corners: [V3<f64>; 3], id: u32) -> [f32; TRIANGLE] {
 impl Filter {
     /// The filter of a scene whose boxes are f32; others are not for f32 at all.
     pub(crate) fn new(scene: &Scene, local: &Local, boxes: &Boxes, giants: &Giants) -> Option<Self> {
-        let Boxes::Single(wide) = boxes else { return None };
+        let Boxes::F32(bvh) = boxes else { return None };
         let first = scene.planes().len() as u32;
         let first_triangle = first + scene.spheres().len() as u32;
         // Which giants f32 holds: of others nothing is sure in leaves.
@@ -164,12 +165,12 @@ impl Filter {
         // Planes and lights beyond what f32 can square need f64 throughout.
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);
         near.then(|| Self {
-            triangles: Leaves::new(wide, 0, triangle),
-            spheres: Leaves::new(wide, 1, sphere),
+            triangles: Leaves::new(bvh, 0, triangle),
+            spheres: Leaves::new(bvh, 1, sphere),
             planes,
             giant_spheres: spheres.clone(),
             giant_triangles: triangles.clone(),
-            reach: (wide.radius() * (1.0 + 1e-6)) as f32,
+            reach: (bvh.radius() * (1.0 + 1e-6)) as f32,
         })
     }
 }

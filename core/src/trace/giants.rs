@@ -5,11 +5,12 @@ use std::sync::{Mutex, PoisonError};
 use glam::DVec3;
 
 use crate::geometry::giant::{GiantSphere, GiantTriangle};
-use crate::geometry::local::{Kind, kind};
 use crate::geometry::plane::LocalPlane;
-use crate::geometry::{Aabb, Local, ObjectId, V3};
+use crate::geometry::{Aabb, V3};
 use crate::precise::{Big, Vector};
 use crate::scene::Scene;
+use crate::scene::local::{Kind, kind};
+use crate::scene::{Local, ObjectId};
 
 /// A giant is so many times farther across than it is from the eye.
 const RATIO: f64 = 512.0;

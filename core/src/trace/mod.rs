@@ -1,18 +1,18 @@
 //! Radiance along rays.
 
-pub(crate) mod arbiter;
 mod camera;
 mod condition;
 mod coplanar;
-mod court;
-mod double;
+mod double_double;
+pub(crate) mod exact;
 mod filter;
 mod giants;
 mod packet;
 mod path;
 mod prepared;
 mod proof;
-mod query;
+mod refine;
+mod scalar;
 mod shade;
 pub(crate) mod texture;
 mod wave;
@@ -24,18 +24,16 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 pub use camera::PlanePoint;
+pub(crate) use camera::{GRID, UNIT};
 pub use condition::Condition;
 pub use coplanar::SharedPlanes;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::transfer::to_linear;
-use crate::film::{ErrorEstimate, Region, Tile};
-use crate::geometry::ObjectId;
-use crate::geometry::local::kind;
-use crate::sampling::points::{self, Sequence};
-use crate::sampling::{adaptive, coarse};
-use crate::scene::{PictureId, Pigment};
-use crate::settings::{AuditRate, Detail, Pass, Sampling, Settings};
+use crate::scene::ObjectId;
+use crate::scene::local::kind;
+use crate::scene::{Pigment, TextureId};
+use crate::settings::{Sampling, Settings};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 use texture::{Mapping, Texels};
@@ -142,10 +140,6 @@ pub struct Tracer {
     unwanted: Option<Arc<AtomicBool>>,
 }
 
-/// Pixels along the edge of the blocks that threads take: large ones keep more of the rays that
-/// mirrors send on side by side, small ones keep more threads busy.
-const BLOCK: [u32; 2] = [32, 16];
-
 impl Tracer {
     /// A tracer of `prepared` under `settings`.
     ///
@@ -157,7 +151,7 @@ impl Tracer {
         }
         let grid = match settings.sampling {
             Sampling::Uniform { grid } => grid,
-            Sampling::Scrambled { .. } | Sampling::Adaptive => points::GRID,
+            Sampling::Scrambled { .. } | Sampling::Adaptive => GRID,
         };
         let scene = Arc::clone(&prepared.scene);
         let linear = |c: [f64; 3]| DVec3::from_array(c.map(|x| to_linear(settings.transfer, x)));
@@ -167,7 +161,7 @@ impl Tracer {
             .map(|s| {
                 let color = match s.pigment {
                     Pigment::Color(c) => linear(c),
-                    Pigment::Picture(_) => DVec3::ONE,
+                    Pigment::Texture(_) => DVec3::ONE,
                 };
                 Material { albedo: color * s.diffuse, reflect: s.reflect, pigment: s.pigment }
             })
@@ -183,7 +177,7 @@ impl Tracer {
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
             background: linear(scene.background()),
-            texels: scene.pictures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
+            texels: scene.textures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
             mappings: texture::mappings(&scene, &prepared.local).into(),
             prepared,
         })
@@ -191,6 +185,10 @@ impl Tracer {
 
     pub(crate) fn frame(&self) -> &Frame {
         &self.frame
+    }
+
+    pub(crate) fn grid(&self) -> u32 {
+        self.grid
     }
 
     pub(crate) fn level(&self) -> Level {
@@ -205,68 +203,6 @@ impl Tracer {
     #[must_use]
     pub fn settings(&self) -> &Settings {
         &self.settings
-    }
-
-    /// Renders the pixels of `region` by uniform sampling, in parallel on the calling rayon pool; of an adaptive
-    /// picture, the coarsest there is ([`Tracer::render_pass`] gives others).
-    ///
-    /// # Panics
-    /// When `region` reaches outside the picture.
-    #[must_use]
-    pub fn render(&self, region: Region) -> (Tile, RayCounts) {
-        let view = &self.settings.view;
-        assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
-        if self.settings.sampling == Sampling::Adaptive {
-            return coarse::render(self, region, Detail::COARSEST, AuditRate::default());
-        }
-        let threads = rayon::current_num_threads();
-        let [large, small] = BLOCK;
-        let few = region.area() < 4 * threads as u64 * u64::from(large * large);
-        let blocks = region.blocks(if few && threads > 1 { small } else { large });
-        let mut pixels = vec![[0.0; 3]; region.area() as usize];
-        let mut counts = RayCounts::default();
-        let width = region.width() as usize;
-        let start = |block: &Region| (block.y0 - region.y0) as usize * width + (block.x0 - region.x0) as usize;
-        if threads == 1 {
-            let mut scratch = BlockScratch::default();
-            for block in blocks {
-                self.block(block, &mut scratch, &mut counts, &mut pixels[start(&block)..], width);
-            }
-            return (Tile { region, pixels, error: ErrorEstimate::default() }, counts);
-        }
-        let done: Vec<(Region, Vec<[f32; 3]>, RayCounts)> = blocks
-            .into_par_iter()
-            .map_init(BlockScratch::default, |scratch, block| {
-                let mut counts = RayCounts::default();
-                let mut pixels = vec![[0.0; 3]; block.area() as usize];
-                self.block(block, scratch, &mut counts, &mut pixels, block.width() as usize);
-                (block, pixels, counts)
-            })
-            .collect();
-        for (block, part, c) in done {
-            counts += c;
-            let lines = pixels[start(&block)..].chunks_mut(width);
-            for (to, line) in lines.zip(part.chunks_exact(block.width() as usize)) {
-                to[..line.len()].copy_from_slice(line);
-            }
-        }
-        (Tile { region, pixels, error: ErrorEstimate::default() }, counts)
-    }
-
-    /// Renders the pixels of `region` in one pass of an adaptive picture, and audits some of them, in parallel on
-    /// the calling rayon pool. Under uniform sampling the result is that of [`Tracer::render`].
-    ///
-    /// # Panics
-    /// When `region` reaches outside the picture.
-    #[must_use]
-    pub fn render_pass(&self, region: Region, pass: Pass) -> (Tile, RayCounts) {
-        let view = &self.settings.view;
-        assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
-        match (self.settings.sampling, pass.detail) {
-            (Sampling::Adaptive, Detail::Coarse { step }) => coarse::render(self, region, step, pass.audit),
-            (Sampling::Adaptive, Detail::Within(tolerance)) => adaptive::render(self, region, tolerance, pass.audit),
-            _ => self.render(region),
-        }
     }
 
     /// The same tracer, which stops soon after `unwanted` is set. What it renders then is of no use: whoever set it
@@ -306,14 +242,14 @@ impl Tracer {
 
     /// Whether `object` shows a picture.
     pub(crate) fn is_pictured(&self, object: u32) -> bool {
-        matches!(self.material(ObjectId(object)).pigment, Pigment::Picture(_))
+        matches!(self.material(ObjectId(object)).pigment, Pigment::Texture(_))
     }
 
     /// The colour at (u, v) of a picture that lies on `id`.
-    pub(crate) fn picture_color(&self, picture: PictureId, uv: DVec2, id: ObjectId) -> DVec3 {
+    pub(crate) fn picture_color(&self, picture: TextureId, uv: DVec2, id: ObjectId) -> DVec3 {
         let scene = &self.prepared.scene;
         let at = picture.0 as usize;
-        self.texels[at].sample(&scene.pictures()[at], uv, texture::wraps(kind(scene, id)))
+        self.texels[at].sample(&scene.textures()[at], uv, texture::wraps(kind(scene, id)))
     }
 
     /// What is seen through `points`, by rays of more weight than `least`. Sequential: callers spread
@@ -345,102 +281,6 @@ impl Tracer {
     ) {
         dispatch(self.level, Wave { tracer: self, points, least, out, scratch, counts });
     }
-
-    /// Renders `block` to the front of `pixels`, `stride` pixels a row.
-    fn block(
-        &self,
-        block: Region,
-        scratch: &mut BlockScratch,
-        counts: &mut RayCounts,
-        pixels: &mut [[f32; 3]],
-        stride: usize,
-    ) {
-        if let Sampling::Scrambled { samples } = self.settings.sampling {
-            return self.scrambled_block(block, samples, scratch, counts, pixels, stride);
-        }
-        let n = self.grid;
-        let (width, height) = (block.width() * n, block.height() * n);
-        let BlockScratch { points, samples, ordered } = scratch;
-        points.clear();
-        packets(width, height, |x, y| points.push(self.frame.cell(block.x0 * n + x, block.y0 * n + y)));
-        samples.resize(points.len(), Sample::BLANK);
-        WaveScratch::with(|wave| self.trace(points, 0.0, samples, wave, counts));
-        let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
-        let mut done = samples.iter();
-        if n == 1 {
-            packets(width, height, |x, y| {
-                if let Some(sample) = done.next() {
-                    pixels[y as usize * stride + x as usize] = single(sample.radiance);
-                }
-            });
-            return;
-        }
-        ordered.resize(points.len(), DVec3::ZERO);
-        packets(width, height, |x, y| {
-            if let Some(sample) = done.next() {
-                ordered[(y * width + x) as usize] = sample.radiance;
-            }
-        });
-        let share = 1.0 / f64::from(n * n);
-        for j in 0..block.height() {
-            for i in 0..block.width() {
-                let mut sum = DVec3::ZERO;
-                for b in 0..n {
-                    let row = ((j * n + b) * width + i * n) as usize;
-                    sum = ordered[row..row + n as usize].iter().fold(sum, |sum, &x| sum + x);
-                }
-                pixels[j as usize * stride + i as usize] = single(sum * share);
-            }
-        }
-    }
-}
-
-impl Tracer {
-    /// The same by so many points of each pixel's sequence.
-    fn scrambled_block(
-        &self,
-        block: Region,
-        n: u32,
-        scratch: &mut BlockScratch,
-        counts: &mut RayCounts,
-        pixels: &mut [[f32; 3]],
-        stride: usize,
-    ) {
-        let view = &self.settings.view;
-        let BlockScratch { points, samples, .. } = scratch;
-        // As many points at a time as keep packets full and memory small.
-        let rows = (4096 / (block.width() * n).max(1)).clamp(1, 8) * 4;
-        for strip in block.blocks(block.width().max(rows)).into_iter().flat_map(|b| strips(b, rows)) {
-            points.clear();
-            packets(strip.width(), strip.height(), |i, j| {
-                let sequence = Sequence::new(view, (strip.x0 + i, strip.y0 + j), 0);
-                points.extend((0..n).map(|k| sequence.point(k)));
-            });
-            samples.resize(points.len(), Sample::BLANK);
-            WaveScratch::with(|wave| self.trace(points, 0.0, samples, wave, counts));
-            let mut done = samples.chunks_exact(n as usize);
-            packets(strip.width(), strip.height(), |i, j| {
-                if let Some(of_pixel) = done.next() {
-                    let sum: DVec3 = of_pixel.iter().map(|s| s.radiance).sum();
-                    let at = (strip.y0 - block.y0 + j) as usize * stride + (strip.x0 - block.x0 + i) as usize;
-                    pixels[at] = (sum * (1.0 / f64::from(n))).to_array().map(|c| c as f32);
-                }
-            });
-        }
-    }
-}
-
-/// `region` cut into strips of so many rows.
-fn strips(region: Region, rows: u32) -> impl Iterator<Item = Region> {
-    (region.y0..region.y1).step_by(rows as usize).map(move |y0| Region { y0, y1: region.y1.min(y0 + rows), ..region })
-}
-
-/// Memory of a thread that renders blocks.
-#[derive(Default)]
-struct BlockScratch {
-    points: Vec<PlanePoint>,
-    samples: Vec<Sample>,
-    ordered: Vec<DVec3>,
 }
 
 /// Visits the cells of a grid so that sixteen in a row make a packet: squares of 4 × 4.

@@ -2,16 +2,16 @@
 
 use glam::DVec3;
 
-use super::arbiter::Decision;
 use super::camera::PlanePoint;
-use super::court::{Case, Court, Refined};
-use super::query::{Closest, Occluded, Scratch};
-use super::shade::{self, Place};
+use super::exact::Decision;
+use super::refine::{Case, Refined, Refiner};
+use super::scalar::{Closest, Occluded, Scratch};
+use super::shade::{self, SurfaceInteraction};
 use super::texture;
 use super::{RayCounts, Refinement, Sample, Tracer};
-use crate::geometry::local::{Kind, kind};
 use crate::geometry::{Ray, U, V3};
 use crate::scene::Pigment;
+use crate::scene::local::{Kind, kind};
 
 /// Memory of a thread that traces paths.
 #[derive(Debug, Default)]
@@ -33,7 +33,7 @@ impl Tracer {
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
-        let mut court = Court::default();
+        let mut refiner = Refiner::default();
         let refines = self.refinement == Refinement::On;
         let mut ray = self.frame.ray(point);
         let mut from: Option<Decision> = None;
@@ -51,34 +51,34 @@ impl Tracer {
                 Closest::Doubt if !refines => query.likely_closest(),
                 Closest::Doubt => {
                     counts.refined += 1;
-                    court.closest(&case, &query.candidates().collect::<Vec<_>>())
+                    refiner.closest(&case, &query.candidates().collect::<Vec<_>>())
                 }
             };
             let Some(decision) = decision else {
-                counts.unresolved += u64::from(court.unresolved());
+                counts.unresolved += u64::from(refiner.unresolved());
                 let background = self.background * throughput;
                 return Sample { radiance: sum + background };
             };
             let material = self.material(decision.id);
-            let mut place = self.place(&ray, decision, from);
+            let mut interaction = self.interaction(&ray, decision, from);
             let goes_on = material.reflect * throughput - least > 0.0 && depth < self.settings.max_depth;
-            let mut too_wide = refines && self.too_wide(&place, throughput);
-            if too_wide && let Some(better) = self.giant_place(&ray, decision, from, throughput) {
-                (place, too_wide) = (better, false);
+            let mut too_wide = refines && self.too_wide(&interaction, throughput);
+            if too_wide && let Some(better) = self.giant_interaction(&ray, decision, from, throughput) {
+                (interaction, too_wide) = (better, false);
             }
-            if !refines && self.too_wide(&place, throughput) {
-                place = place.taken_as_it_is();
+            if !refines && self.too_wide(&interaction, throughput) {
+                interaction = interaction.taken_as_it_is();
                 ray.ed = 4.0 * U;
             }
-            let mut refined = if too_wide { court.place(&case, decision, throughput, goes_on) } else { None };
+            let mut refined = if too_wide { refiner.interaction(&case, decision, throughput, goes_on) } else { None };
             let mut color = material.albedo;
-            if let Pigment::Picture(picture) = material.pigment {
-                let picture_data = &scene.pictures()[picture.0 as usize];
+            if let Pigment::Texture(picture) = material.pigment {
+                let picture_data = &scene.textures()[picture.0 as usize];
                 let size = f64::from(picture_data.width().max(picture_data.height()));
                 let (mut uv, e) =
-                    texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &place, &ray);
+                    texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &interaction, &ray);
                 if refines && refined.is_none() && !(e * size <= texture::TEXEL) {
-                    refined = court.place(&case, decision, throughput, goes_on);
+                    refined = refiner.interaction(&case, decision, throughput, goes_on);
                 }
                 if let Some(Refined { hit: Some(hit), .. }) = &refined {
                     uv = hit.uv;
@@ -87,13 +87,13 @@ impl Tracer {
             }
             if let Some(refined) = &refined {
                 counts.refined += 1;
-                place = refined.place;
+                interaction = refined.interaction;
             }
             if color != DVec3::ZERO {
                 cosines.clear();
                 for (k, &light) in self.prepared.local.lights.iter().enumerate() {
                     let light = V3::splat(light);
-                    let incidence = shade::incidence(&place, light);
+                    let incidence = shade::incidence(&interaction, light);
                     let cosine = match &refined {
                         Some(Refined { hit: Some(hit), .. }) => hit.cosines[k],
                         _ => incidence.cosine,
@@ -104,7 +104,7 @@ impl Tracer {
                         continue;
                     }
                     counts.shadow += 1;
-                    let shadow = shade::towards(&place, light, incidence.l);
+                    let shadow = shade::towards(&interaction, light, incidence.l);
                     let blocked = match self.prepared.occluded(&shadow, Some(decision), Some(k), query) {
                         Occluded::No => false,
                         Occluded::Yes => true,
@@ -112,7 +112,7 @@ impl Tracer {
                         Occluded::Doubt => {
                             counts.refined += 1;
                             let candidates: Vec<_> = query.candidates().collect();
-                            court.occluded(&case, decision, k, &candidates)
+                            refiner.occluded(&case, decision, k, &candidates)
                         }
                     };
                     if !blocked {
@@ -132,18 +132,18 @@ impl Tracer {
             }
             counts.mirror += 1;
             ray = match &refined {
-                Some(refined) => Ray::new(place.p, V3::splat(refined.mirrored), place.ep, refined.turn),
-                None => shade::reflect(&ray, &place),
+                Some(refined) => Ray::new(interaction.p, V3::splat(refined.mirrored), interaction.ep, refined.turn),
+                None => shade::reflect(&ray, &interaction),
             };
             trail.push(decision);
             from = Some(decision);
         }
-        counts.unresolved += u64::from(court.unresolved());
+        counts.unresolved += u64::from(refiner.unresolved());
         Sample { radiance: sum }
     }
 
     /// Where `ray` meets what it is known to meet, in f64.
-    fn place(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> Place {
+    fn interaction(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> SurfaceInteraction {
         let local = &self.prepared.local;
         match kind(&self.prepared.scene, decision.id) {
             Kind::Plane(i) => shade::on_plane(ray, &local.planes[i]),
@@ -158,16 +158,16 @@ impl Tracer {
 
     /// Where `ray` meets a giant that is not pictured, as it is described around the eye: if that is right to nearly
     /// the last digits, as what else would be asked for this place is.
-    pub(super) fn giant_place(
+    pub(super) fn giant_interaction(
         &self,
         ray: &Ray,
         met: Decision,
         from: Option<Decision>,
         throughput: f64,
-    ) -> Option<Place> {
+    ) -> Option<SurfaceInteraction> {
         let giants = &self.prepared.giants;
         let flag = |b: bool| if b { 1.0 } else { 0.0 };
-        let place = match (giants.triangle(met.id.0), giants.sphere(met.id.0)) {
+        let interaction = match (giants.triangle(met.id.0), giants.sphere(met.id.0)) {
             (Some(giant), _) => shade::on_plane(ray, &giant.plane),
             (None, Some(giant)) => {
                 let own = from.is_some_and(|f| f.id == met.id);
@@ -175,15 +175,15 @@ impl Tracer {
             }
             (None, None) => return None,
         };
-        let tight = place.ep <= 256.0 * U * place.p.norm1() && place.en <= 256.0 * U;
-        (tight && !self.is_pictured(met.id.0) && !self.too_wide(&place, throughput)).then_some(place)
+        let tight = interaction.ep <= 256.0 * U * interaction.p.norm1() && interaction.en <= 256.0 * U;
+        (tight && !self.is_pictured(met.id.0) && !self.too_wide(&interaction, throughput)).then_some(interaction)
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.
-    pub(super) fn too_wide(&self, place: &Place, throughput: f64) -> bool {
+    pub(super) fn too_wide(&self, interaction: &SurfaceInteraction, throughput: f64) -> bool {
         let lights = &self.prepared.local.lights;
         let first = self.prepared.local.nearest_light_at_first();
-        let nearest = lights.iter().fold(first, |d, &l| shade::nearer(d, place, V3::splat(l)));
-        !(shade::excess(place, nearest, throughput) <= 0.0)
+        let nearest = lights.iter().fold(first, |d, &l| shade::nearer(d, interaction, V3::splat(l)));
+        !(shade::excess(interaction, nearest, throughput) <= 0.0)
     }
 }

@@ -6,17 +6,18 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arbiter::{ExactPlanes, FIRST};
 use super::coplanar::Coplanar;
+use super::exact::{ExactPlanes, FIRST};
 use super::filter::Filter;
 use super::giants::{Candidates, Giants};
 use super::proof;
-use super::query::{Closest, Occluded, Scratch};
-use crate::bvh::{Boxes, Builder, Coordinate, Item, Wide};
-use crate::geometry::local::{Kind, kind, surface_and_order};
-use crate::geometry::{Aabb, Local, ObjectId, Ray, TINY, U, V3};
+use super::scalar::{Closest, Occluded, Scratch};
+use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
+use crate::geometry::{Aabb, Ray, TINY, U, V3};
 use crate::precise::{Vector, zero_area};
 use crate::scene::Scene;
+use crate::scene::local::{Kind, kind, surface_and_order};
+use crate::scene::{Local, ObjectId};
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -59,8 +60,8 @@ impl PreparedScene {
         let candidates = Candidates::default();
         let (boxes, outgrown, flat) = Self::boxes(&scene, &local, &candidates);
         let kept = match &boxes {
-            Boxes::Single(wide) => &wide.ids,
-            Boxes::Double(wide) => &wide.ids,
+            Boxes::F32(bvh) => &bvh.ids,
+            Boxes::F64(bvh) => &bvh.ids,
         };
         let giants = Giants::new(&scene, &local, candidates, kept);
         let filter = Filter::new(&scene, &local, &boxes, &giants);
@@ -83,9 +84,9 @@ impl PreparedScene {
         let builder = Builder::new(first_triangle, singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
-            Boxes::Double(hierarchy(items::<f64>(scene, local, &|_, _| ()).0, &builder))
+            Boxes::F64(hierarchy(items::<f64>(scene, local, &|_, _| ()).0, &builder))
         } else {
-            Boxes::Single(hierarchy(singles, &builder))
+            Boxes::F32(hierarchy(singles, &builder))
         };
         (boxes, outgrown, flat)
     }
@@ -191,11 +192,11 @@ fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(u32, &Aabb) 
     (items, flat)
 }
 
-fn hierarchy<T: Coordinate>(mut items: Vec<Item<T>>, builder: &Builder<'_>) -> Wide<T> {
-    let wide = builder.build(&mut items);
+fn hierarchy<T: Coordinate>(mut items: Vec<Item<T>>, builder: &Builder<'_>) -> Bvh<T> {
+    let bvh = builder.build(&mut items);
     // Many items take a while to be given back, and nobody waits for that.
     if rayon::current_num_threads() > 1 {
         rayon::spawn(move || drop(items));
     }
-    wide
+    bvh
 }

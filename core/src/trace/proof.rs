@@ -1,6 +1,6 @@
 //! Questions about paths in numbers that prove what is zero.
 //!
-//! Where the arbiter's bounds leave a sign open, it may be zero: an edge met exactly, two
+//! Where the bounds of exact arithmetic leave a sign open, it may be zero: an edge met exactly, two
 //! surfaces at one distance, a start on a surface. Here the path is followed again in
 //! [`Ball`]s, without a division: points are X/w, distances num/(w·den), directions have any length,
 //! and all lengths are integers, scaled by one power of two. Every number is then an
@@ -12,11 +12,11 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use super::arbiter::{Decision, ExactHit};
-use super::court::Case;
-use crate::geometry::ObjectId;
-use crate::geometry::local::{Kind, kind, surface_and_order};
+use super::exact::{Decision, ExactHit};
+use super::refine::Case;
 use crate::precise::{Ball, Balls, Bound, Roots, Unsure, Vector};
+use crate::scene::ObjectId;
+use crate::scene::local::{Kind, kind, surface_and_order};
 use crate::scene::{PlanePosition, Scene};
 
 /// The exponent of the lowest bit that is set; `None` for zero.
@@ -166,7 +166,7 @@ impl<'a, const N: usize> Proof<'a, N> {
     fn first(&mut self, candidates: &[ObjectId]) -> Result<Option<(Along<N>, Decision)>, Unsure> {
         let mut best: Option<(Along<N>, Decision, u32)> = None;
         for &id in candidates {
-            let Some((along, inside)) = self.meet(id)? else { continue };
+            let Some((along, inside)) = self.intersect(id)? else { continue };
             let order = surface_and_order(self.scene, id).1;
             let nearer = match &best {
                 None => true,
@@ -192,7 +192,7 @@ impl<'a, const N: usize> Proof<'a, N> {
         let light = Along { num: Ball::integer(1.0), den: Ball::integer(1.0) };
         let mut open = false;
         for &id in candidates {
-            match self.meet(id).and_then(|m| m.map_or(Ok(false), |(t, _)| Ok(t.compare(&light)?.is_lt()))) {
+            match self.intersect(id).and_then(|m| m.map_or(Ok(false), |(t, _)| Ok(t.compare(&light)?.is_lt()))) {
                 Ok(true) => return Ok(true),
                 Ok(false) => {}
                 Err(Unsure) => open = true,
@@ -275,12 +275,12 @@ impl<'a, const N: usize> Proof<'a, N> {
     }
 
     /// Where the line first meets object `id`, and whether that is a sphere's inner side.
-    fn meet(&mut self, id: ObjectId) -> Result<Option<(Along<N>, bool)>, Unsure> {
+    fn intersect(&mut self, id: ObjectId) -> Result<Option<(Along<N>, bool)>, Unsure> {
         let own = self.line.from.filter(|f| f.id == id);
         if let Kind::Sphere(i) = kind(self.scene, id) {
             return match own {
                 Some(own) if !own.inside => Ok(None),
-                own => self.meet_sphere(i, own),
+                own => self.intersect_sphere(i, own),
             };
         }
         if own.is_some() {
@@ -324,7 +324,7 @@ impl<'a, const N: usize> Proof<'a, N> {
         (d.dot(&d), oc.dot(&d), oc.dot(&oc) - r * r)
     }
 
-    fn meet_sphere(&mut self, i: usize, own: Option<Decision>) -> Result<Option<(Along<N>, bool)>, Unsure> {
+    fn intersect_sphere(&mut self, i: usize, own: Option<Decision>) -> Result<Option<(Along<N>, bool)>, Unsure> {
         let (a, b, c) = self.chord(i);
         let other = Along { num: -b.doubled(), den: a };
         if own.is_some() {

@@ -2,11 +2,11 @@
 //! operations for one lane or many, each value with a bound on its error.
 
 use crate::geometry::giant::GiantSphere;
-use crate::geometry::local::FAR;
 use crate::geometry::plane::LocalPlane;
 use crate::geometry::sphere::LocalSphere;
 use crate::geometry::triangle::LocalTriangle;
 use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, giant, plane, sphere, triangle};
+use crate::scene::local::FAR;
 
 /// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic:
 /// a thirtieth of an 8-bit step, and errors are several times below their bounds.
@@ -17,13 +17,13 @@ pub(crate) const VALUE: f64 = 1.0 / (1u64 << 13) as f64;
 /// would no longer dominate.
 pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 11) as f64;
 
-/// Places less sure than this, beside the scene's size and their distance, ask for it too: rays
+/// SurfaceInteractions less sure than this, beside the scene's size and their distance, ask for it too: rays
 /// that leave them would be in doubt about everything within that reach.
 pub(crate) const PLACE: f64 = 1.0 / (1u64 << 14) as f64;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place<R = f64> {
+pub(crate) struct SurfaceInteraction<R = f64> {
     pub(crate) p: V3<R>,
     /// Bound on |p − p*|.
     pub(crate) ep: R,
@@ -33,10 +33,10 @@ pub(crate) struct Place<R = f64> {
     pub(crate) en: R,
 }
 
-/// The normal's bound of a [rounded](Place::rounded) place; others are greater.
+/// The normal's bound of a [rounded](SurfaceInteraction::rounded) place; others are greater.
 pub(crate) const TAKEN: f64 = 2.0 * U;
 
-impl Place {
+impl SurfaceInteraction {
     /// The rounded place, and the rounded normal there.
     pub(crate) fn rounded(p: V3<f64>, n: V3<f64>) -> Self {
         Self { p, ep: 2.0 * U * p.norm1(), n, en: TAKEN }
@@ -63,14 +63,14 @@ fn against<R: Real>(ray: &Ray<R>, n: V3<R>) -> V3<R> {
 }
 
 #[inline(always)]
-pub(crate) fn on_plane<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> Place<R> {
+pub(crate) fn on_plane<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> SurfaceInteraction<R> {
     let (t, et) = plane::distance(ray, plane);
     let (p, ep) = point(ray, t, et);
-    Place { p, ep, n: against(ray, plane.n), en: R::splat(4.0 * R::U) }
+    SurfaceInteraction { p, ep, n: against(ray, plane.n), en: R::splat(4.0 * R::U) }
 }
 
 #[inline(always)]
-pub(crate) fn on_triangle<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Place<R> {
+pub(crate) fn on_triangle<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> SurfaceInteraction<R> {
     let f = triangle::forms(ray, tri);
     let nn = f.n.dot(f.n);
     let length = nn.sqrt();
@@ -79,28 +79,28 @@ pub(crate) fn on_triangle<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Plac
     let en = (f.corner_error * f.longest * R::splat(4.0) + R::splat(16.0 * R::U) * f.longest * f.longest) / length;
     // A square that is next to nothing has lost its digits.
     let en = (nn - R::splat(LEAST_SQUARE)).if_positive(en, R::splat(f64::INFINITY));
-    Place { p, ep, n: against(ray, f.n * (R::splat(1.0) / length)), en }
+    SurfaceInteraction { p, ep, n: against(ray, f.n * (R::splat(1.0) / length)), en }
 }
 
 /// `inner` > 0 where the inner side is struck, `own` > 0 where the ray starts on this sphere.
 #[inline(always)]
-pub(crate) fn on_sphere<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, own: R) -> Place<R> {
+pub(crate) fn on_sphere<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
     let (near, far, e) = sphere::distances(ray, s);
     let (other, e_other) = sphere::other_root(ray, s);
     let t = own.if_positive(other, inner.if_positive(far, near));
     let (p, ep) = point(ray, t, own.if_positive(e_other, e));
     let n = (p - s.c) * (R::splat(1.0) / s.r);
     let en = (ep + R::splat(2.0 * R::U) * s.c.norm1()) / s.r + R::splat(8.0 * R::U);
-    Place { p, ep, n: V3::if_positive(inner, -n, n), en }
+    SurfaceInteraction { p, ep, n: V3::if_positive(inner, -n, n), en }
 }
 
 /// The same on a sphere described around the eye.
 #[inline(always)]
-pub(crate) fn on_giant_sphere<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> Place<R> {
+pub(crate) fn on_giant_sphere<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
     let (t, et) = giant::distance(ray, s, inner, own);
     let (p, ep) = point(ray, t, et);
     let (n, en) = giant::normal(s, p, ep);
-    Place { p, ep, n: V3::if_positive(inner, -n, n), en }
+    SurfaceInteraction { p, ep, n: V3::if_positive(inner, -n, n), en }
 }
 
 /// Light from `light` at `place`.
@@ -113,15 +113,15 @@ pub(crate) struct Incidence<R> {
 }
 
 #[inline(always)]
-pub(crate) fn incidence<R: Real>(place: &Place<R>, light: V3<R>) -> Incidence<R> {
-    let l = light - place.p;
-    Incidence { cosine: place.n.dot(l) / l.dot(l).sqrt(), l }
+pub(crate) fn incidence<R: Real>(interaction: &SurfaceInteraction<R>, light: V3<R>) -> Incidence<R> {
+    let l = light - interaction.p;
+    Incidence { cosine: interaction.n.dot(l) / l.dot(l).sqrt(), l }
 }
 
 /// The squared distance to `light`, or `least` where that is less.
 #[inline(always)]
-pub(crate) fn nearer<R: Real>(least: R, place: &Place<R>, light: V3<R>) -> R {
-    let l = light - place.p;
+pub(crate) fn nearer<R: Real>(least: R, interaction: &SurfaceInteraction<R>, light: V3<R>) -> R {
+    let l = light - interaction.p;
     l.dot(l).min(least)
 }
 
@@ -129,22 +129,25 @@ pub(crate) fn nearer<R: Real>(least: R, place: &Place<R>, light: V3<R>) -> R {
 /// towards a light is off by at most en + ep/distance, which matters as far as `throughput`, what
 /// the path has left of the light, lets it. `nearest` is the squared distance to the nearest light.
 #[inline(always)]
-pub(crate) fn excess<R: Real>(place: &Place<R>, nearest: R, throughput: R) -> R {
+pub(crate) fn excess<R: Real>(interaction: &SurfaceInteraction<R>, nearest: R, throughput: R) -> R {
     // Where there is no light, any distance will do.
     let distance = nearest.min(R::splat(f64::MAX)).sqrt();
-    let effect = throughput * (place.ep + place.en * distance) - R::splat(VALUE) * distance;
-    let stray = place.ep - R::splat(PLACE) * (R::splat(1.0) + place.p.norm1());
-    let (bent, near) = (place.en - R::splat(NORMAL), R::splat(LEAST_SQUARE) - nearest);
+    let effect = throughput * (interaction.ep + interaction.en * distance) - R::splat(VALUE) * distance;
+    let stray = interaction.ep - R::splat(PLACE) * (R::splat(1.0) + interaction.p.norm1());
+    let (bent, near) = (interaction.en - R::splat(NORMAL), R::splat(LEAST_SQUARE) - nearest);
     // In this order, a maximum keeps what is not a number, and so does a sum.
     let zero = R::splat(0.0);
-    zero.max(effect) + zero.max(stray) + (zero.max(bent) + zero.max(near)) + zero.max(place.p.norm1() - R::splat(FAR))
+    zero.max(effect)
+        + zero.max(stray)
+        + (zero.max(bent) + zero.max(near))
+        + zero.max(interaction.p.norm1() - R::splat(FAR))
 }
 
 /// The segment from `place` to `light` as a ray of length 1.
 #[inline(always)]
-pub(crate) fn towards<R: Real>(place: &Place<R>, light: V3<R>, l: V3<R>) -> Ray<R> {
+pub(crate) fn towards<R: Real>(interaction: &SurfaceInteraction<R>, light: V3<R>, l: V3<R>) -> Ray<R> {
     let el = R::splat(2.0 * R::U) * (light.norm1() + l.norm1()) / l.dot(l).sqrt();
-    Ray::new(place.p, l, place.ep, el)
+    Ray::new(interaction.p, l, interaction.ep, el)
 }
 
 /// The mirrored ray.
@@ -154,8 +157,8 @@ pub(crate) fn towards<R: Real>(place: &Place<R>, light: V3<R>, l: V3<R>) -> Ray<
 /// [`NORMAL`], beyond which places are refined, less than 2.01·en. A direction's own error is turned,
 /// not enlarged.
 #[inline(always)]
-pub(crate) fn reflect<R: Real>(ray: &Ray<R>, place: &Place<R>) -> Ray<R> {
-    let d = ray.d - place.n * (R::splat(2.0) * ray.d.dot(place.n));
-    let ed = (ray.ed + R::splat(2.01) * place.en) * R::splat(1.0 + 1e-6) + R::splat(24.0 * R::U);
-    Ray::new(place.p, d, place.ep, ed)
+pub(crate) fn reflect<R: Real>(ray: &Ray<R>, interaction: &SurfaceInteraction<R>) -> Ray<R> {
+    let d = ray.d - interaction.n * (R::splat(2.0) * ray.d.dot(interaction.n));
+    let ed = (ray.ed + R::splat(2.01) * interaction.en) * R::splat(1.0 + 1e-6) + R::splat(24.0 * R::U);
+    Ray::new(interaction.p, d, interaction.ep, ed)
 }

@@ -2,12 +2,13 @@
 
 use glam::{DVec2, DVec3};
 
-use super::arbiter::{Decision, ExactHit, LAST, largest, size};
-use super::shade::Place;
-use crate::geometry::local::{Kind, kind};
-use crate::geometry::{Local, ObjectId, Ray, U, triangle};
+use super::exact::{Decision, ExactHit, LAST, largest, size};
+use super::shade::SurfaceInteraction;
+use crate::geometry::{Ray, U, triangle};
 use crate::precise::{Big, Bound, Unsure, Vector};
-use crate::scene::{Picture, Pigment, PlanePosition, Scene};
+use crate::scene::local::{Kind, kind};
+use crate::scene::{Local, ObjectId};
+use crate::scene::{Pigment, PlanePosition, Scene, Texture};
 
 /// The largest misplacement of a picture, in texels, that f64 is trusted with.
 pub(crate) const TEXEL: f64 = 1e-4;
@@ -33,7 +34,7 @@ pub(crate) struct Mapping {
     local_origin: DVec3,
 }
 
-/// Wide enough that products of four f64s are exact.
+/// Bvh enough that products of four f64s are exact.
 type Exact = Vector<136>;
 
 impl Mapping {
@@ -48,7 +49,7 @@ impl Mapping {
 
 /// Mappings of a scene's pictured spheres and planes, by rising id.
 pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
-    let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Picture(_));
+    let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Texture(_));
     let planes = scene.planes().iter().enumerate().filter(|(_, p)| pictured(p.surface)).map(|(i, p)| {
         let n = Exact::new(p.normal);
         let size = p.normal.abs();
@@ -117,22 +118,22 @@ pub(crate) fn coordinates(
     local: &Local,
     mappings: &[Mapping],
     decision: Decision,
-    place: &Place,
+    interaction: &SurfaceInteraction,
     ray: &Ray,
 ) -> (DVec2, f64) {
     match kind(scene, decision.id) {
         Kind::Sphere(_) => {
             let map = find(mappings, decision.id);
-            let m = if decision.inside { -place.n } else { place.n };
+            let m = if decision.inside { -interaction.n } else { interaction.n };
             let (uv, sine) = on_sphere(map, m.to_dvec3());
             // Near a pole, u turns by en over the sine.
-            (uv, (place.en + 8.0 * U) * (0.5 + 0.5 / sine.max(1e-300)))
+            (uv, (interaction.en + 8.0 * U) * (0.5 + 0.5 / sine.max(1e-300)))
         }
         Kind::Plane(_) => {
             let map = find(mappings, decision.id);
-            let at = place.p.to_dvec3() - map.local_origin;
-            let world = |x: f64| crate::geometry::local::ldexp(x, local.power);
-            let e = world(place.ep + 8.0 * U * (place.p.norm1() + map.local_origin.abs().element_sum()));
+            let at = interaction.p.to_dvec3() - map.local_origin;
+            let world = |x: f64| crate::scene::local::ldexp(x, local.power);
+            let e = world(interaction.ep + 8.0 * U * (interaction.p.norm1() + map.local_origin.abs().element_sum()));
             (DVec2::new(fraction(world(at.dot(map.axes[0]))), fraction(world(at.dot(map.axes[1])))), e)
         }
         Kind::Triangle(i) => {
@@ -208,27 +209,27 @@ pub(crate) struct Texels {
 }
 
 impl Texels {
-    pub(crate) fn new(picture: &Picture, to_linear: impl Fn(f64) -> f64) -> Self {
+    pub(crate) fn new(picture: &Texture, to_linear: impl Fn(f64) -> f64) -> Self {
         let max = f64::from(picture.maxval());
         Self { linear: (0..=picture.maxval()).map(|s| to_linear(f64::from(s) / max)).collect() }
     }
 
     /// The bilinear value at (u, v); `wrap` says whether u and v repeat or are clamped.
-    pub(crate) fn sample(&self, picture: &Picture, uv: DVec2, wrap: [bool; 2]) -> DVec3 {
+    pub(crate) fn sample(&self, picture: &Texture, uv: DVec2, wrap: [bool; 2]) -> DVec3 {
         let (w, h) = (i64::from(picture.width()), i64::from(picture.height()));
         let x = uv.x * picture.width() as f64 - 0.5;
         let y = (1.0 - uv.y) * picture.height() as f64 - 0.5;
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
         // (u, v) is in [0, 1], so that no texel is farther outside than one.
-        let place = |i: i64, n: i64, wrap: bool| match wrap {
+        let interaction = |i: i64, n: i64, wrap: bool| match wrap {
             true if i < 0 => i + n,
             true if i >= n => i - n,
             true => i,
             false => i.clamp(0, n - 1),
         };
-        let columns = [0, 1].map(|dx| place(x0 as i64 + dx, w, wrap[0]));
-        let rows = [0, 1].map(|dy| place(y0 as i64 + dy, h, wrap[1]) * w);
+        let columns = [0, 1].map(|dx| interaction(x0 as i64 + dx, w, wrap[0]));
+        let rows = [0, 1].map(|dy| interaction(y0 as i64 + dy, h, wrap[1]) * w);
         let texel = |i: usize, j: usize| {
             let [r, g, b] = picture.texel((rows[j] + columns[i]) as usize).map(|c| self.linear[usize::from(c)]);
             DVec3::new(r, g, b)

@@ -8,12 +8,12 @@ use super::diagnostic::Code;
 use super::finding::{Finding, Findings, Limits};
 use super::part::Part;
 use super::source::shown;
-use crate::scene::{Picture, PictureId, SceneBuilder, pixmap};
+use crate::scene::{SceneBuilder, Texture, TextureId, pixmap};
 
 /// What is said of a picture that may not be read.
 const ELSEWHERE: &str = "it lies outside the scene's folder; --allow-pictures DIR takes pictures from there too";
 /// Samples of all pictures of a scene together.
-const MAX_SAMPLES: usize = 2 * Picture::MAX_SAMPLES;
+const MAX_SAMPLES: usize = 2 * Texture::MAX_SAMPLES;
 
 /// Where pictures are.
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,9 +39,9 @@ pub(super) struct Assembly<'b> {
     /// Real paths of the folders that pictures may lie in; found out when there is a picture.
     folders: Option<Vec<PathBuf>>,
     /// Pictures by name as written; `None` where loading failed.
-    by_name: HashMap<String, Option<PictureId>>,
+    by_name: HashMap<String, Option<TextureId>>,
     /// The same by real path: two names of one file are one picture.
-    by_path: HashMap<PathBuf, PictureId>,
+    by_path: HashMap<PathBuf, TextureId>,
     samples: usize,
 }
 
@@ -87,7 +87,7 @@ impl<'b> Assembly<'b> {
         files
     }
 
-    fn picture(&mut self, name: String, at: Range<usize>) -> Option<PictureId> {
+    fn picture(&mut self, name: String, at: Range<usize>) -> Option<TextureId> {
         if let Some(known) = self.by_name.get(&name) {
             return *known;
         }
@@ -96,7 +96,7 @@ impl<'b> Assembly<'b> {
             Ok(id) => Some(id),
             Err(why) => {
                 self.findings.push_with(super::Severity::Error, || {
-                    Finding::new(Code::Picture, at, format!("the picture `{}` cannot be used: {why}", shown(&name)))
+                    Finding::new(Code::Texture, at, format!("the picture `{}` cannot be used: {why}", shown(&name)))
                         .expected("a portable pixmap (P3 or P6), named relative to the scene file's folder")
                 });
                 None
@@ -128,7 +128,7 @@ impl<'b> Assembly<'b> {
         }
     }
 
-    fn load(&mut self, name: &str) -> Result<PictureId, String> {
+    fn load(&mut self, name: &str) -> Result<TextureId, String> {
         let base = self.pictures.base.ok_or("the scene has no folder to look it up from")?;
         let base = if base.as_os_str().is_empty() { Path::new(".") } else { base };
         let path = base.join(name);
@@ -142,7 +142,7 @@ impl<'b> Assembly<'b> {
         if self.samples > MAX_SAMPLES {
             return Err(format!("the scene's pictures together have more than {MAX_SAMPLES} samples"));
         }
-        let id = self.scene.picture(picture).map_err(|e| e.to_string())?;
+        let id = self.scene.texture(picture).map_err(|e| e.to_string())?;
         self.by_path.insert(real, id);
         Ok(id)
     }

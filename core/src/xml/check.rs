@@ -443,7 +443,7 @@ impl Checker<'_, '_> {
         let file = self.fit(ppm, "ppm", &grammar::PPM).attributes[0]?;
         let at = self.value_range(&file);
         if file.value().is_empty() {
-            self.find(Code::Picture, at, |f| f.say("`file` is empty").expected("the name of a portable pixmap (.ppm)"));
+            self.find(Code::Texture, at, |f| f.say("`file` is empty").expected("the name of a portable pixmap (.ppm)"));
             return None;
         }
         Some(Paint::File(self.part.file(file.value(), at)))

@@ -71,7 +71,7 @@ pub enum Code {
     /// `pole` and `equator` are parallel.
     Orientation,
     /// A picture that cannot be used.
-    Picture,
+    Texture,
     /// A number that is not zero became zero.
     Underflow,
     /// A triangle of exactly zero area.
@@ -112,7 +112,7 @@ impl Code {
             Self::CameraView => "camera-view",
             Self::CameraSky => "camera-sky",
             Self::Orientation => "orientation",
-            Self::Picture => "picture",
+            Self::Texture => "picture",
             Self::Underflow => "underflow",
             Self::DegenerateTriangle => "degenerate-triangle",
             Self::NoLight => "no-light",

@@ -6,7 +6,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::finding::{Findings, Limits};
-use crate::scene::{Invalid, Orientation, PictureId, Pigment, PlanePosition, SceneBuilder, Surface, SurfaceId};
+use crate::scene::{Invalid, Orientation, Pigment, PlanePosition, SceneBuilder, Surface, SurfaceId, TextureId};
 
 /// A pigment whose picture is not loaded yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,14 +150,14 @@ impl Part {
     }
 
     /// Moves the objects into `scene`; `pictures` holds what the part's files became.
-    pub(super) fn build(self, scene: &mut SceneBuilder, pictures: &[PictureId]) -> Result<(), Invalid> {
+    pub(super) fn build(self, scene: &mut SceneBuilder, pictures: &[TextureId]) -> Result<(), Invalid> {
         let surfaces = self
             .surfaces
             .iter()
             .map(|f| {
                 let pigment = match f.paint {
                     Paint::Color(c) => Pigment::Color(c),
-                    Paint::File(i) => Pigment::Picture(*pictures.get(i as usize).ok_or(Invalid::Unknown(i))?),
+                    Paint::File(i) => Pigment::Texture(*pictures.get(i as usize).ok_or(Invalid::Unknown(i))?),
                 };
                 scene.surface(Surface { diffuse: f.diffuse, reflect: f.reflect, pigment })
             })

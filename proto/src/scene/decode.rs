@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use tessera_core::scene::{
-    Invalid, Orientation, Picture, PictureError, PictureId, Pigment, PlanePosition, Scene, SceneBuilder, Surface,
-    SurfaceId,
+    Invalid, Orientation, Pigment, PlanePosition, Scene, SceneBuilder, Surface, SurfaceId, Texture, TextureError,
+    TextureId,
 };
 
 use super::{
@@ -42,7 +42,7 @@ pub enum SceneError {
     Invalid(#[from] Invalid),
     /// A picture that is none.
     #[error(transparent)]
-    Picture(#[from] PictureError),
+    Picture(#[from] TextureError),
 }
 
 /// Reads a scene piece by piece; the pieces may be cut anywhere.
@@ -221,8 +221,8 @@ impl SceneDecoder {
                     let wanted = (u64::from(width) * u64::from(height))
                         .checked_mul(3)
                         .and_then(|n| usize::try_from(n).ok())
-                        .filter(|&n| n > 0 && n <= Picture::MAX_SAMPLES)
-                        .ok_or(PictureError::Size(width, height))?;
+                        .filter(|&n| n > 0 && n <= Texture::MAX_SAMPLES)
+                        .ok_or(TextureError::Size(width, height))?;
                     let samples = if maxval < 256 { Samples::Bytes(Vec::new()) } else { Samples::Words(Vec::new()) };
                     self.at = At::Samples { width, height, maxval, samples, wanted };
                     self.left.pictures -= 1;
@@ -253,9 +253,9 @@ impl SceneDecoder {
                 else {
                     return Ok(None);
                 };
-                self.builder.picture(match samples {
-                    Samples::Bytes(s) => Picture::from_bytes(width, height, maxval as u8, s)?,
-                    Samples::Words(s) => Picture::from_words(width, height, maxval, s)?,
+                self.builder.texture(match samples {
+                    Samples::Bytes(s) => Texture::from_bytes(width, height, maxval as u8, s)?,
+                    Samples::Words(s) => Texture::from_words(width, height, maxval, s)?,
                 })?;
             }
             At::Surfaces => {
@@ -265,7 +265,7 @@ impl SceneDecoder {
                     let [diffuse, reflect] = need!(r.numbers());
                     let pigment = match need!(r.byte()) {
                         0 => Pigment::Color(need!(r.numbers())),
-                        1 => Pigment::Picture(PictureId(need!(r.count()?))),
+                        1 => Pigment::Texture(TextureId(need!(r.count()?))),
                         kind => return Err(SceneError::Kind(kind)),
                     };
                     self.builder.surface(Surface { diffuse, reflect, pigment })?;

@@ -26,7 +26,7 @@ pub fn describe_parts(scene: &Scene) -> (SceneHash, SceneHash) {
     let mut encoder = SceneEncoder::new(scene, crate::limits::SCENE_PIECE_BYTES);
     let shown = std::mem::take(&mut encoder.used.pictures);
     encoder.for_each(|piece| plain.update(&piece));
-    for picture in shown.into_iter().map(|index| &scene.pictures()[index]) {
+    for picture in shown.into_iter().map(|index| &scene.textures()[index]) {
         for n in [picture.width(), picture.height(), picture.maxval().into()] {
             pictures.update(n.to_le_bytes());
         }
@@ -87,9 +87,9 @@ impl Used {
         scene.planes().iter().for_each(|p| mark(p.surface));
         scene.spheres().iter().for_each(|s| mark(s.surface));
         scene.triangles().iter().for_each(|t| mark(t.surface()));
-        let mut picture_used = vec![false; scene.pictures().len()];
+        let mut picture_used = vec![false; scene.textures().len()];
         for (surface, _) in scene.surfaces().iter().zip(&surface_used).filter(|(_, used)| **used) {
-            if let Pigment::Picture(id) = surface.pigment {
+            if let Pigment::Texture(id) = surface.pigment {
                 picture_used[id.0 as usize] = true;
             }
         }
@@ -219,7 +219,7 @@ impl<'s> SceneEncoder<'s> {
 
     fn picture(&mut self, number: usize, sample: usize) -> At {
         let Some(&index) = self.used.pictures.get(number) else { return At::Surfaces(0) };
-        let (picture, out) = (&self.scene.pictures()[index], &mut self.buffer);
+        let (picture, out) = (&self.scene.textures()[index], &mut self.buffer);
         if sample == 0 {
             for n in [picture.width(), picture.height(), picture.maxval().into()] {
                 put_count(out, n);
@@ -251,7 +251,7 @@ impl<'s> SceneEncoder<'s> {
                     self.buffer.push(0);
                     put(&mut self.buffer, &color);
                 }
-                Pigment::Picture(id) => {
+                Pigment::Texture(id) => {
                     self.buffer.push(1);
                     put_count(&mut self.buffer, self.used.picture_numbers[id.0 as usize]);
                 }

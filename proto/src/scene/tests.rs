@@ -1,6 +1,6 @@
 use glam::{DVec3, dvec3};
 use proptest::prelude::*;
-use tessera_core::scene::{Orientation, Picture, Pigment, PlanePosition, Scene, SceneBuilder, Surface, SurfaceId};
+use tessera_core::scene::{Orientation, Pigment, PlanePosition, Scene, SceneBuilder, Surface, SurfaceId, Texture};
 
 use super::{SceneDecoder, SceneEncoder, SceneError, describe};
 
@@ -31,11 +31,11 @@ fn matte(builder: &mut SceneBuilder, red: f64) -> SurfaceId {
 fn scene(plan: &[(u8, u8, f64)]) -> Scene {
     let mut b = builder();
     b.light(dvec3(1.0, 2.0, 3.0)).unwrap();
-    let bytes = b.picture(Picture::from_bytes(3, 2, 200, (0..18).collect()).unwrap()).unwrap();
-    let words = b.picture(Picture::from_words(2, 1, 1000, vec![0, 1, 999, 1000, 4, 5]).unwrap()).unwrap();
+    let bytes = b.texture(Texture::from_bytes(3, 2, 200, (0..18).collect()).unwrap()).unwrap();
+    let words = b.texture(Texture::from_words(2, 1, 1000, vec![0, 1, 999, 1000, 4, 5]).unwrap()).unwrap();
     let mut surfaces: Vec<_> = (0..3).map(|i| matte(&mut b, f64::from(i) / 4.0)).collect();
     for id in [bytes, words] {
-        surfaces.push(b.surface(Surface { pigment: Pigment::Picture(id), ..Surface::default() }).unwrap());
+        surfaces.push(b.surface(Surface { pigment: Pigment::Texture(id), ..Surface::default() }).unwrap());
     }
     for &(kind, surface, x) in plan {
         let s = surfaces[surface as usize % surfaces.len()];
@@ -98,10 +98,10 @@ fn the_hash_is_of_the_content_and_not_of_the_pieces() {
 #[test]
 fn only_pictures_that_are_seen_travel() {
     let mut b = builder();
-    let unused = b.picture(Picture::from_bytes(100, 100, 255, vec![7; 30_000]).unwrap()).unwrap();
-    let used = b.picture(Picture::from_bytes(1, 1, 255, vec![1, 2, 3]).unwrap()).unwrap();
-    b.surface(Surface { pigment: Pigment::Picture(unused), ..Surface::default() }).unwrap();
-    let s = b.surface(Surface { pigment: Pigment::Picture(used), ..Surface::default() }).unwrap();
+    let unused = b.texture(Texture::from_bytes(100, 100, 255, vec![7; 30_000]).unwrap()).unwrap();
+    let used = b.texture(Texture::from_bytes(1, 1, 255, vec![1, 2, 3]).unwrap()).unwrap();
+    b.surface(Surface { pigment: Pigment::Texture(unused), ..Surface::default() }).unwrap();
+    let s = b.surface(Surface { pigment: Pigment::Texture(used), ..Surface::default() }).unwrap();
     b.sphere(DVec3::ZERO, 1.0, None, s).unwrap();
     let (_, length) = describe(&b.finish().unwrap());
     assert!(length < 500, "{length} bytes");
@@ -114,7 +114,7 @@ fn size_of_numbers(scene: &Scene) -> u64 {
     let planes: u64 =
         scene.planes().iter().map(|p| if matches!(p.position, PlanePosition::Point(_)) { 48 } else { 32 }).sum();
     let pictures: u64 = scene
-        .pictures()
+        .textures()
         .iter()
         .map(|p| u64::from(p.width()) * u64::from(p.height()) * if p.bytes().is_some() { 3 } else { 6 })
         .sum();

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, dvec3};
 
-use tessera_core::scene::{Orientation, Picture};
+use tessera_core::scene::{Orientation, Texture};
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
 
 use super::{Document, Item, Look, Random};
@@ -227,10 +227,10 @@ fn steps(r: &mut Random) -> Document {
     d.sphere(dvec3(0.0, y + 0.3, 0.0), 0.3, shiny(r)).light(-2.0, 3.0, -1.0).light(0.5, y, -3.0)
 }
 
-fn noise() -> Picture {
+fn noise() -> Texture {
     let mut noise = Random::new(5);
     let texels = (0..3 * 32 * 16).map(|_| noise.below(256) as u8).collect();
-    Picture::from_bytes(32, 16, 255, texels).unwrap_or_else(|e| unreachable!("{e}"))
+    Texture::from_bytes(32, 16, 255, texels).unwrap_or_else(|e| unreachable!("{e}"))
 }
 
 /// The scene of a seed and its settings. Every other scene is as it was thought of; the others are

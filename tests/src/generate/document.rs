@@ -6,7 +6,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use tessera_core::scene::{
-    Invalid, Orientation, Picture, Pigment, PlanePosition, Rgb, Scene, SceneBuilder, Surface, SurfaceId,
+    Invalid, Orientation, Pigment, PlanePosition, Rgb, Scene, SceneBuilder, Surface, SurfaceId, Texture,
 };
 
 /// What a surface looks like.
@@ -89,7 +89,7 @@ pub struct Document {
     /// The world's children, in order.
     pub items: Vec<Item>,
     /// File name and content of each picture.
-    pub pictures: Vec<(String, Picture)>,
+    pub pictures: Vec<(String, Texture)>,
 }
 
 impl Document {
@@ -200,12 +200,12 @@ impl Document {
         b.background(self.background)?;
         let mut pictures = Vec::new();
         for (_, p) in &self.pictures {
-            pictures.push(b.picture(p.clone())?);
+            pictures.push(b.texture(p.clone())?);
         }
         let surface = |b: &mut SceneBuilder, look: &Look| -> Result<SurfaceId, Invalid> {
             let pigment = match look.paint {
                 Paint::Color(c) => Pigment::Color(c),
-                Paint::Picture(i) => Pigment::Picture(pictures[i]),
+                Paint::Picture(i) => Pigment::Texture(pictures[i]),
             };
             b.surface(Surface { diffuse: look.diffuse, reflect: look.reflect, pigment })
         };
@@ -314,7 +314,7 @@ impl Document {
 
 /// A picture as a binary portable pixmap.
 #[must_use]
-pub(super) fn ppm(picture: &Picture) -> Vec<u8> {
+pub(super) fn ppm(picture: &Texture) -> Vec<u8> {
     let mut out = format!("P6\n{} {}\n{}\n", picture.width(), picture.height(), picture.maxval()).into_bytes();
     match (picture.bytes(), picture.words()) {
         (Some(bytes), _) => out.extend_from_slice(bytes),

@@ -1,7 +1,7 @@
 //! Scenes of exact events, and of numbers so far apart that fixed widths lose them.
 
 use glam::{DVec3, dvec3};
-use tessera_core::scene::{Orientation, Picture};
+use tessera_core::scene::{Orientation, Texture};
 use tessera_core::settings::{Settings, View};
 
 use super::{Document, Item, Look, Placement, Random};
@@ -176,7 +176,7 @@ fn pictures(r: &mut Random) -> Document {
     let eye = lattice(r, 2);
     let mut d = start(eye, eye + dvec3(whole(r, 1) * 0.25, whole(r, 1) * 0.25, 2.0)).with(Item::Light(eye));
     let samples = (0..3 * 9 * 7).map(|_| r.below(256) as u8).collect();
-    if let Ok(picture) = Picture::from_bytes(9, 7, 255, samples) {
+    if let Ok(picture) = Texture::from_bytes(9, 7, 255, samples) {
         d.pictures.push(("noise.ppm".into(), picture));
     }
     let paint = Look::picture(0, 1.0, 0.0);

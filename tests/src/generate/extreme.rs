@@ -2,7 +2,7 @@
 
 use glam::{DVec3, dvec3};
 
-use tessera_core::scene::{Orientation, Picture};
+use tessera_core::scene::{Orientation, Texture};
 use tessera_core::settings::{Sampling, Settings, Transfer, View};
 
 use super::{Document, Item, Look, Random};
@@ -55,7 +55,7 @@ pub fn random(seed: u64, width: u32, height: u32) -> (Document, Settings) {
     let r = &mut Random::new(seed);
     let mut noise = Random::new(9);
     let texels = (0..3 * 16 * 8).map(|_| noise.below(256) as u8).collect();
-    let picture = Picture::from_bytes(16, 8, 255, texels).unwrap_or_else(|e| unreachable!("{e}"));
+    let picture = Texture::from_bytes(16, 8, 255, texels).unwrap_or_else(|e| unreachable!("{e}"));
 
     // A telescope: so far away, and so much closer again by zoom.
     let away = if r.one_in(3) { 10f64.powi(r.below(10) as i32) } else { 1.0 };

@@ -3,13 +3,13 @@
 use std::f64::consts::TAU;
 
 use glam::{DVec3, dvec3};
-use tessera_core::scene::{Orientation, Picture};
+use tessera_core::scene::{Orientation, Texture};
 
 use super::{Document, Item, Look, Mesh, Random, knot};
 
 /// A graticule over blobs of land, `width` × `width`/2 pixels.
 #[must_use]
-pub fn globe(width: u32) -> Picture {
+pub fn globe(width: u32) -> Texture {
     let height = width / 2;
     let mut random = Random::new(7);
     let blobs: Vec<(DVec3, f64)> = (0..60)
@@ -33,7 +33,7 @@ pub fn globe(width: u32) -> Picture {
         }
     }
     // A width of 0 makes no picture; every caller's is above 1.
-    Picture::from_bytes(width, height, 255, samples).unwrap_or_else(|e| unreachable!("{e}"))
+    Texture::from_bytes(width, height, 255, samples).unwrap_or_else(|e| unreachable!("{e}"))
 }
 
 fn on_globe(lon: f64, lat: f64) -> DVec3 {

@@ -1,4 +1,4 @@
-//! Picture files: PNG, PPM, PFM, EXR.
+//! Texture files: PNG, PPM, PFM, EXR.
 
 mod atomic;
 mod exr;

@@ -1,4 +1,4 @@
-//! Picture files into memory.
+//! Texture files into memory.
 
 use std::fs::File;
 use std::io::{self, BufReader};
@@ -7,7 +7,7 @@ use std::path::Path;
 use super::{Kind, exr, netpbm, png};
 use crate::film::image::Image;
 use crate::film::transfer::{from_linear, to_linear};
-use crate::scene::Picture;
+use crate::scene::Texture;
 use crate::scene::pixmap::{self, PixmapError};
 use crate::settings::Transfer;
 
@@ -77,7 +77,7 @@ pub fn read(path: &Path) -> Result<Stored, ReadError> {
 /// The number of pixels, where it is within what is read.
 pub(super) fn pixel_count(width: u32, height: u32) -> Result<u64, ReadError> {
     let count = u64::from(width) * u64::from(height);
-    if count == 0 || count > Picture::MAX_SAMPLES as u64 / 3 {
+    if count == 0 || count > Texture::MAX_SAMPLES as u64 / 3 {
         return Err(ReadError::Size(width, height));
     }
     Ok(count)
@@ -92,7 +92,7 @@ fn from_pixmap(error: PixmapError) -> ReadError {
     }
 }
 
-fn from_picture(picture: &Picture) -> Stored {
+fn from_picture(picture: &Texture) -> Stored {
     let share = |i| f32::from(picture.sample(i)) / f32::from(picture.maxval());
     let count = picture.width() as usize * picture.height() as usize;
     let pixels = (0..count).map(|p| [share(3 * p), share(3 * p + 1), share(3 * p + 2)]).collect();

@@ -1,8 +1,8 @@
 //! What holds for all rays of a packet.
 
-use super::meet::Rays;
+use super::intersect::Rays;
 use crate::bvh::Node;
-use crate::simd::{Floats, Mask, Octet, Simd, Single};
+use crate::simd::{F32x8, F32x16, Floats, Mask, Simd};
 
 /// Hierarchies of so few nodes are walked before a beam has paid for itself.
 pub(super) const LEAST_NODES: usize = 8;
@@ -28,7 +28,7 @@ pub(super) struct Beam {
 impl Beam {
     #[inline(always)]
     pub(super) fn new<S: Simd>(rays: &Rays<S>, active: Mask) -> Self {
-        let s = S::Single::splat;
+        let s = S::F32x16::splat;
         let mut beam = Self { one_sign: true, ..Self::default() };
         for k in 0..3 {
             let negative = rays.inv[k].lt(s(0.0)) & active;
@@ -52,7 +52,7 @@ impl Beam {
     /// The boxes of `node` that some ray may meet before `far`.
     #[inline(always)]
     pub(super) fn meets<S: Simd>(&self, node: &Node<f32>, far: f32) -> u8 {
-        let s = S::Octet::splat;
+        let s = S::F32x8::splat;
         let (mut near, mut far) = (s(0.0), s(far));
         for k in 0..3 {
             // One by one: what a closure does is not surely compiled for the level's instructions.
@@ -60,7 +60,7 @@ impl Beam {
             let (i0, i1, e0, e1, l0, l1) = (s(i0), s(i1), s(e0), s(e1), s(l0), s(l1));
             let (lo, hi) = (&node.lo[k], &node.hi[k]);
             let (enter, leave) = if self.flip[k] { (hi, lo) } else { (lo, hi) };
-            let (enter, leave) = (S::Octet::load(enter), S::Octet::load(leave));
+            let (enter, leave) = (S::F32x8::load(enter), S::F32x8::load(leave));
             near = near.max(enter.fma(i0, e0).min(enter.fma(i1, e1)));
             far = far.min(leave.fma(i0, l0).max(leave.fma(i1, l1)));
         }

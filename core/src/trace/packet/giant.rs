@@ -3,7 +3,7 @@
 //! **Bound.** As there, with u = 2⁻²⁴ and one rounding more of every number; `near` is at least eo + 12u·|o|.
 
 use super::U32;
-use super::meet::{Meeting, Ray, meet_plane};
+use super::intersect::{Intersection, Ray, intersect_plane};
 use crate::simd::Floats;
 use crate::trace::filter::{FlatSphere, FlatTriangle};
 
@@ -16,9 +16,14 @@ fn norm1<F: Floats>(v: &[F; 3]) -> F {
 }
 
 #[inline(always)]
-pub(super) fn meet_giant_triangle<F: Floats>(r: &Ray<F>, t: &FlatTriangle, ed: F, mask: F::Mask) -> Meeting<F> {
+pub(super) fn intersect_giant_triangle<F: Floats>(
+    r: &Ray<F>,
+    t: &FlatTriangle,
+    ed: F,
+    mask: F::Mask,
+) -> Intersection<F> {
     let s = F::splat;
-    let m = meet_plane(r, &t.plane, ed, mask);
+    let m = intersect_plane(r, &t.plane, ed, mask);
     let (half, zero) = (s(0.5), s(0.0));
     let (at, et) = ((m.lo + m.hi) * half, (m.hi - m.lo) * half);
     let p = [r.d[0].fma(at, r.o[0]), r.d[1].fma(at, r.o[1]), r.d[2].fma(at, r.o[2])];
@@ -33,11 +38,11 @@ pub(super) fn meet_giant_triangle<F: Floats>(r: &Ray<F>, t: &FlatTriangle, ed: F
     let leans = m.hi.lt(s(f32::INFINITY));
     let may = m.may & !(leans & least.lt(-e));
     let sure = m.sure & leans & e.lt(least) & zero.lt(m.lo);
-    Meeting { may, sure, ..m }
+    Intersection { may, sure, ..m }
 }
 
 #[inline(always)]
-pub(super) fn meet_giant_sphere<F: Floats>(r: &Ray<F>, g: &FlatSphere, ed: F, mask: F::Mask) -> Meeting<F> {
+pub(super) fn intersect_giant_sphere<F: Floats>(r: &Ray<F>, g: &FlatSphere, ed: F, mask: F::Mask) -> Intersection<F> {
     let s = F::splat;
     let (zero, u) = (s(0.0), s(U32));
     let m = [s(g.m[0]), s(g.m[1]), s(g.m[2])];
@@ -75,5 +80,5 @@ pub(super) fn meet_giant_sphere<F: Floats>(r: &Ray<F>, g: &FlatSphere, ed: F, ma
     let et = eby_sum.select(by_sums, eproduct);
     let (lo, hi) = (t - et, t + et);
     let sure = (ahead | inside) & zero.lt(lo) & hi.lt(s(f32::INFINITY));
-    Meeting { may: mask & !passes, sure, lo: lo.select(sure, zero), hi: hi.select(sure, s(f32::INFINITY)), inside }
+    Intersection { may: mask & !passes, sure, lo: lo.select(sure, zero), hi: hi.select(sure, s(f32::INFINITY)), inside }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::bvh::{Coordinate, Link, Wide};
+use crate::bvh::{Bvh, Coordinate, Link};
 use crate::simd::{MOST, Rows, prefetch, roomy};
 
 /// So many objects are put in rows in one go.
@@ -18,7 +18,7 @@ pub(crate) struct Leaves<const N: usize> {
 
 impl<const N: usize> Leaves<N> {
     /// The objects of a kind in the hierarchy; `make` gives the numbers of one by its id.
-    pub(crate) fn new<T: Coordinate>(wide: &Wide<T>, kind: u8, make: impl Fn(u32) -> [f32; N] + Sync) -> Self {
+    pub(crate) fn new<T: Coordinate>(wide: &Bvh<T>, kind: u8, make: impl Fn(u32) -> [f32; N] + Sync) -> Self {
         let ids = &wide.ids[usize::from(kind)];
         // How many objects the leaf has that begins here.
         let mut counts = vec![0u8; ids.len()];

@@ -11,21 +11,21 @@
 //!
 //! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
 
-mod alone;
 mod beam;
 mod giant;
+mod intersect;
 mod leaf;
-mod meet;
+mod single;
 #[cfg(test)]
 mod tests;
 mod ties;
 mod walk;
 
 use super::filter::Filter;
-use crate::bvh::{Child, Wide};
-use crate::simd::{Floats, LANES, Mask, Simd, Single};
+use crate::bvh::{Bvh, Child};
+use crate::simd::{F32x16, Floats, LANES, Mask, Simd};
+use intersect::Intersection;
 pub(crate) use leaf::Leaves;
-use meet::Meeting;
 pub(crate) use ties::Ties;
 use walk::{Stacks, walk};
 
@@ -122,10 +122,10 @@ pub(crate) struct Spot {
 trait Visit<S: Simd> {
     /// Whether what is met brings the bounds nearer, so that it matters what is met first.
     const NEARS: bool;
-    fn bound(&self) -> S::Single;
+    fn bound(&self) -> S::F32x16;
     fn active(&self) -> Mask;
     /// Object `id` is met, which is at `spot` if it is in a leaf.
-    fn visit(&mut self, id: u32, spot: Option<Spot>, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>);
+    fn visit(&mut self, id: u32, spot: Option<Spot>, m: Intersection<S::F32x16>, doubts: &mut Vec<Doubt>);
     /// What to look at before all leaves.
     fn first(&self) -> Option<Spot> {
         None
@@ -138,8 +138,8 @@ trait Visit<S: Simd> {
 
 struct Nearest<'a, S: Simd> {
     active: Mask,
-    lo: S::Single,
-    hi: S::Single,
+    lo: S::F32x16,
+    hi: S::F32x16,
     best: [u32; LANES],
     ties: Ties<'a>,
 }
@@ -147,7 +147,7 @@ struct Nearest<'a, S: Simd> {
 impl<S: Simd> Visit<S> for Nearest<'_, S> {
     const NEARS: bool = true;
     #[inline(always)]
-    fn bound(&self) -> S::Single {
+    fn bound(&self) -> S::F32x16 {
         self.hi
     }
     #[inline(always)]
@@ -155,7 +155,7 @@ impl<S: Simd> Visit<S> for Nearest<'_, S> {
         self.active
     }
     #[inline(always)]
-    fn visit(&mut self, id: u32, _: Option<Spot>, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
+    fn visit(&mut self, id: u32, _: Option<Spot>, m: Intersection<S::F32x16>, doubts: &mut Vec<Doubt>) {
         let may = m.may & !self.hi.lt(m.lo);
         if may == 0 {
             return;
@@ -185,7 +185,7 @@ fn push(id: u32, mask: Mask, lo: &[f32; LANES], doubts: &mut Vec<Doubt>) {
 }
 
 #[inline(always)]
-fn push_doubts<S: Simd>(id: u32, mask: Mask, lo: S::Single, doubts: &mut Vec<Doubt>) {
+fn push_doubts<S: Simd>(id: u32, mask: Mask, lo: S::F32x16, doubts: &mut Vec<Doubt>) {
     let mut out = [0.0; LANES];
     lo.store(&mut out);
     push(id, mask, &out, doubts);
@@ -193,7 +193,7 @@ fn push_doubts<S: Simd>(id: u32, mask: Mask, lo: S::Single, doubts: &mut Vec<Dou
 
 struct Blocked<'a, S: Simd> {
     active: Mask,
-    one: S::Single,
+    one: S::F32x16,
     last: &'a mut Option<Spot>,
     exempt: &'a [u32],
     ties: Ties<'a>,
@@ -202,7 +202,7 @@ struct Blocked<'a, S: Simd> {
 impl<S: Simd> Visit<S> for Blocked<'_, S> {
     const NEARS: bool = false;
     #[inline(always)]
-    fn bound(&self) -> S::Single {
+    fn bound(&self) -> S::F32x16 {
         self.one
     }
     #[inline(always)]
@@ -210,7 +210,7 @@ impl<S: Simd> Visit<S> for Blocked<'_, S> {
         self.active
     }
     #[inline(always)]
-    fn visit(&mut self, id: u32, spot: Option<Spot>, m: Meeting<S::Single>, doubts: &mut Vec<Doubt>) {
+    fn visit(&mut self, id: u32, spot: Option<Spot>, m: Intersection<S::F32x16>, doubts: &mut Vec<Doubt>) {
         let may = m.may & self.active & !self.one.lt(m.lo);
         if may == 0 {
             return;
@@ -238,13 +238,13 @@ impl<S: Simd> Visit<S> for Blocked<'_, S> {
 /// Finds what the packet's rays meet first: `out.best` where `out.doubts` names no candidate of the lane,
 /// else among both.
 #[inline(always)]
-pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packet, ties: Ties<'_>, out: &mut Walk) {
-    let far = S::Single::splat(f32::INFINITY);
+pub(crate) fn closest<S: Simd>(filter: &Filter, bvh: &Bvh<f32>, packet: &Packet, ties: Ties<'_>, out: &mut Walk) {
+    let far = S::F32x16::splat(f32::INFINITY);
     // Of lanes that are not active nothing is near enough.
-    let hi = far.select(packet.active, S::Single::splat(-1.0));
+    let hi = far.select(packet.active, S::F32x16::splat(-1.0));
     let mut visitor = Nearest::<S> { active: packet.active, lo: far, hi, best: [NONE; LANES], ties };
     out.doubts.clear();
-    walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
+    walk::<S, _>(filter, bvh, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
     out.best = visitor.best;
     visitor.hi.store(&mut out.best_hi);
     if !out.doubts.is_empty() {
@@ -258,16 +258,16 @@ pub(crate) fn closest<S: Simd>(filter: &Filter, wide: &Wide<f32>, packet: &Packe
 #[inline(always)]
 pub(crate) fn blocked<S: Simd>(
     filter: &Filter,
-    wide: &Wide<f32>,
+    bvh: &Bvh<f32>,
     packet: &Packet,
     last: &mut Option<Spot>,
     exempt: &[u32],
     ties: Ties<'_>,
     out: &mut Walk,
 ) -> Mask {
-    let mut visitor = Blocked::<S> { active: packet.active, one: S::Single::splat(1.0), last, exempt, ties };
+    let mut visitor = Blocked::<S> { active: packet.active, one: S::F32x16::splat(1.0), last, exempt, ties };
     out.doubts.clear();
-    walk::<S, _>(filter, wide, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
+    walk::<S, _>(filter, bvh, packet, &mut visitor, &mut out.stacks, &mut out.doubts);
     let blocked = packet.active & !visitor.active;
     out.doubts.retain(|d| blocked >> d.lane & 1 == 0);
     blocked

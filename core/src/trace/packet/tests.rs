@@ -2,11 +2,11 @@
 
 use proptest::prelude::*;
 
-use super::giant::{meet_giant_sphere, meet_giant_triangle};
-use super::meet::{Rays, Sphere, Triangle, meet_plane, meet_sphere, meet_triangle};
+use super::giant::{intersect_giant_sphere, intersect_giant_triangle};
+use super::intersect::{Rays, Sphere, Triangle, intersect_plane, intersect_sphere, intersect_triangle};
 use super::{LANES, Mask, Packet};
 use crate::sampling::points::mix;
-use crate::simd::{Kernel, Level, MOST, Simd, Single, dispatch};
+use crate::simd::{F32x16, Kernel, Level, MOST, Simd, dispatch};
 use crate::trace::filter::{FlatPlane, FlatSphere, FlatTriangle, SPHERE, TRIANGLE};
 
 /// Sixteen rays of ten numbers each and an object of so many, of which one is not a number: a ray's or the object's.
@@ -25,7 +25,7 @@ impl Kernel for &Case {
         let [x, y, z, u, v, w, near, per, ed] = self.rays;
         let packet = Packet { o: [x, y, z], d: [u, v, w], near, per, ed, ..Packet::default() };
         let ray = Rays::<S>::new(&packet).ray;
-        let (all, ed, n) = (Mask::MAX, S::Single::load(&ed), &self.object);
+        let (all, ed, n) = (Mask::MAX, S::F32x16::load(&ed), &self.object);
         let rows = |k: usize| [n[k]; MOST];
         let (mut triangle, mut sphere) = ([[0.0; MOST]; TRIANGLE], [[0.0; MOST]; SPHERE]);
         for k in 0..TRIANGLE {
@@ -39,11 +39,11 @@ impl Kernel for &Case {
         let giant = FlatTriangle { id: 0, plane, u: one, u0: n[7], v: other, v0: n[11], slope: n[12], terms: n[13] };
         let around = FlatSphere { id: 0, m: [n[0], n[1], n[2]], q: n[3], k: n[4] };
         let meetings = [
-            ("triangle", meet_triangle(&ray, &Triangle::one(&triangle, 0), all)),
-            ("sphere", meet_sphere(&ray, &Sphere::one(&sphere, 0), all)),
-            ("plane", meet_plane(&ray, &plane, ed, all)),
-            ("giant triangle", meet_giant_triangle(&ray, &giant, ed, all)),
-            ("giant sphere", meet_giant_sphere(&ray, &around, ed, all)),
+            ("triangle", intersect_triangle(&ray, &Triangle::one(&triangle, 0), all)),
+            ("sphere", intersect_sphere(&ray, &Sphere::one(&sphere, 0), all)),
+            ("plane", intersect_plane(&ray, &plane, ed, all)),
+            ("giant triangle", intersect_giant_triangle(&ray, &giant, ed, all)),
+            ("giant sphere", intersect_giant_sphere(&ray, &around, ed, all)),
         ];
         let [a, b, c, d, e] = meetings;
         [

@@ -3,8 +3,8 @@
 //! Only what was asked about before is known here, so that scenes without such planes pay nothing.
 
 use super::{INSIDE, NONE, Packet, lanes};
-use crate::geometry::ObjectId;
-use crate::geometry::local::surface_and_order;
+use crate::scene::ObjectId;
+use crate::scene::local::surface_and_order;
 use crate::simd::{LANES, Mask};
 use crate::trace::prepared::PreparedScene;
 

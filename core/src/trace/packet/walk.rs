@@ -1,19 +1,19 @@
 //! The way of a packet down the hierarchy.
 //!
 //! Rays that stay together are tested against one box after another, sixteen rays at a time.
-//! Where few of them are left, each goes on [alone](super::alone), against eight boxes at a time (Benthin,
+//! Where few of them are left, each goes on [alone](super::single), against eight boxes at a time (Benthin,
 //! Wald, Woop, Ernst, *Combining single and packet-ray tracing for arbitrary ray
 //! distributions on the Intel MIC architecture*, TVCG 18(9), 2012). In large hierarchies, what will be
 //! visited is asked of memory when it is found, long before it is needed.
 
-use super::alone::Alone;
 use super::beam::{Beam, LEAST_NODES};
-use super::giant::{meet_giant_sphere, meet_giant_triangle};
+use super::giant::{intersect_giant_sphere, intersect_giant_triangle};
+use super::intersect::{Apart, Rays, Sphere, Triangle, intersect_plane, intersect_sphere, intersect_triangle};
 use super::leaf;
-use super::meet::{Apart, Rays, Sphere, Triangle, meet_plane, meet_sphere, meet_triangle};
+use super::single::SingleRays;
 use super::{Doubt, INSIDE, NONE, Packet, Spot, Visit};
-use crate::bvh::{Child, Coordinate, Link, Node, WIDTH, Wide};
-use crate::simd::{Floats, LANES, Mask, Simd, Single, prefetch};
+use crate::bvh::{Bvh, Child, Coordinate, Link, Node, WIDTH};
+use crate::simd::{F32x16, Floats, LANES, Mask, Simd, prefetch};
 use crate::trace::filter::Filter;
 
 /// Up to so many rays go on alone at a node, and at a leaf of more objects than that.
@@ -30,8 +30,8 @@ struct Few {
 const AT_HAND: usize = 4096;
 
 impl Few {
-    fn of(wide: &Wide<f32>) -> Self {
-        if wide.nodes.len() > AT_HAND { Self { inner: 6, leaf: 2 } } else { Self { inner: 2, leaf: 0 } }
+    fn of(bvh: &Bvh<f32>) -> Self {
+        if bvh.nodes.len() > AT_HAND { Self { inner: 6, leaf: 2 } } else { Self { inner: 2, leaf: 0 } }
     }
 }
 
@@ -48,7 +48,7 @@ const EMPTY: Entry = Entry { near: [0.0; LANES], link: Child::NOTHING, mask: 0 }
 /// What is still to be visited: by the packet, and by rays that left it.
 pub(super) struct Stacks {
     packet: Vec<Entry>,
-    alone: Box<Alone>,
+    alone: Box<SingleRays>,
     apart: Box<Apart>,
 }
 
@@ -61,13 +61,13 @@ impl Default for Stacks {
 /// The scene and the packet's rays, as every step needs them.
 pub(super) struct Journey<'a, S: Simd> {
     pub(super) filter: &'a Filter,
-    pub(super) wide: &'a Wide<f32>,
+    pub(super) bvh: &'a Bvh<f32>,
     pub(super) packet: &'a Packet,
     pub(super) rays: Rays<S>,
     /// What all rays have in common; only in hierarchies where that pays.
     beam: Option<Beam>,
     /// −(o ± pad)/d where boxes are entered and left, if rays have one sign on each axis.
-    ends: [[S::Single; 3]; 2],
+    ends: [[S::F32x16; 3]; 2],
     /// No ray goes farther.
     far: f32,
     pub(super) apart: &'a mut Apart,
@@ -76,7 +76,7 @@ pub(super) struct Journey<'a, S: Simd> {
 #[inline(always)]
 pub(super) fn walk<S: Simd, V: Visit<S>>(
     filter: &Filter,
-    wide: &Wide<f32>,
+    bvh: &Bvh<f32>,
     packet: &Packet,
     visitor: &mut V,
     stacks: &mut Stacks,
@@ -84,7 +84,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
 ) {
     let rays = Rays::<S>::new(packet);
     if !filter.planes.is_empty() {
-        let ed = S::Single::load(&packet.ed);
+        let ed = S::F32x16::load(&packet.ed);
         for (k, plane) in filter.planes.iter().enumerate() {
             let mut mask = visitor.active() & !S::equal(&packet.own, k as u32);
             if plane.through_eye {
@@ -93,7 +93,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
             if visitor.exempt().contains(&(k as u32)) {
                 continue;
             }
-            let m = meet_plane(&rays.ray, plane, ed, mask);
+            let m = intersect_plane(&rays.ray, plane, ed, mask);
             if m.may != 0 {
                 visitor.visit(k as u32, None, m, doubts);
             }
@@ -102,11 +102,11 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
     if !(filter.giant_spheres.is_empty() && filter.giant_triangles.is_empty()) {
         giants::<S, V>(filter, packet, &rays, visitor, doubts);
     }
-    if wide.nodes.is_empty() || visitor.active() == 0 {
+    if bvh.nodes.is_empty() || visitor.active() == 0 {
         return;
     }
     let mut journey =
-        Journey::<S>::new((filter, wide, packet), rays, &mut stacks.apart, visitor.active(), visitor.bound());
+        Journey::<S>::new((filter, bvh, packet), rays, &mut stacks.apart, visitor.active(), visitor.bound());
     if let Some(spot) = visitor.first() {
         journey.surely(spot, visitor, doubts);
         if visitor.active() == 0 {
@@ -115,7 +115,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
     }
     let mut top = 1;
     stacks.packet[0] = Entry { near: [0.0; LANES], link: Child::ROOT, mask: visitor.active() };
-    let (alone, few) = (&mut *stacks.alone, Few::of(wide));
+    let (alone, few) = (&mut *stacks.alone, Few::of(bvh));
     loop {
         let mut mask = 0;
         if top > 0 {
@@ -123,7 +123,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
             let entry = &stacks.packet[top];
             mask = entry.mask & visitor.active();
             if V::NEARS {
-                mask &= S::Single::load(&entry.near).le(visitor.bound());
+                mask &= S::F32x16::load(&entry.near).le(visitor.bound());
             }
             if mask == 0 {
                 continue;
@@ -131,7 +131,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
         }
         // Those that are alone go first where they are met again: they may need no more.
         if alone.lanes != 0 && (mask & alone.lanes != 0 || mask == 0) {
-            journey.alone(alone, visitor, doubts);
+            journey.single(alone, visitor, doubts);
             if visitor.active() == 0 {
                 return;
             }
@@ -172,15 +172,15 @@ fn giants<S: Simd, V: Visit<S>>(
     visitor: &mut V,
     doubts: &mut Vec<Doubt>,
 ) {
-    let ed = S::Single::load(&packet.ed);
+    let ed = S::F32x16::load(&packet.ed);
     for giant in &filter.giant_spheres {
         let mask = visitor.active() & !S::equal(&packet.own, giant.id);
         let within = S::equal(&packet.own, giant.id | INSIDE) & mask;
-        let mut m = meet_giant_sphere(&rays.ray, giant, ed, mask);
+        let mut m = intersect_giant_sphere(&rays.ray, giant, ed, mask);
         if within != 0 {
             m.may |= within;
             m.sure &= !within;
-            m.lo = S::Single::splat(0.0).select(within, m.lo);
+            m.lo = S::F32x16::splat(0.0).select(within, m.lo);
         }
         if m.may != 0 {
             visitor.visit(giant.id, None, m, doubts);
@@ -188,7 +188,7 @@ fn giants<S: Simd, V: Visit<S>>(
     }
     for giant in &filter.giant_triangles {
         let mask = visitor.active() & !S::equal(&packet.own, giant.id);
-        let m = meet_giant_triangle(&rays.ray, giant, ed, mask);
+        let m = intersect_giant_triangle(&rays.ray, giant, ed, mask);
         if m.may != 0 {
             visitor.visit(giant.id, None, m, doubts);
         }
@@ -198,13 +198,13 @@ fn giants<S: Simd, V: Visit<S>>(
 impl<'a, S: Simd> Journey<'a, S> {
     #[inline(always)]
     fn new(
-        (filter, wide, packet): (&'a Filter, &'a Wide<f32>, &'a Packet),
+        (filter, bvh, packet): (&'a Filter, &'a Bvh<f32>, &'a Packet),
         rays: Rays<S>,
         apart: &'a mut Apart,
         active: Mask,
-        bound: S::Single,
+        bound: S::F32x16,
     ) -> Self {
-        let beam = (wide.nodes.len() > LEAST_NODES).then(|| Beam::new::<S>(&rays, active));
+        let beam = (bvh.nodes.len() > LEAST_NODES).then(|| Beam::new::<S>(&rays, active));
         let mut ends = [rays.low, rays.high];
         if let Some(beam) = &beam {
             for k in 0..3 {
@@ -214,14 +214,14 @@ impl<'a, S: Simd> Journey<'a, S> {
             }
         }
         apart.forget();
-        let mut journey = Self { filter, wide, packet, rays, beam, ends, far: f32::INFINITY, apart };
+        let mut journey = Self { filter, bvh, packet, rays, beam, ends, far: f32::INFINITY, apart };
         journey.shorten(bound);
         journey
     }
 
     /// Notes how far rays may still go.
     #[inline(always)]
-    fn shorten(&mut self, bound: S::Single) {
+    fn shorten(&mut self, bound: S::F32x16) {
         if self.beam.is_some() {
             self.far = bound.greatest();
         }
@@ -233,11 +233,11 @@ impl<'a, S: Simd> Journey<'a, S> {
         &self,
         index: usize,
         mask: Mask,
-        bound: S::Single,
+        bound: S::F32x16,
         stack: &mut Vec<Entry>,
         top: usize,
     ) -> usize {
-        let node = &self.wide.nodes[index];
+        let node = &self.bvh.nodes[index];
         let Some(beam) = &self.beam else {
             return self.open_boxes::<V, false>(u8::MAX, node, [false; 3], mask, bound, stack, top);
         };
@@ -259,7 +259,7 @@ impl<'a, S: Simd> Journey<'a, S> {
         node: &Node<f32>,
         flip: [bool; 3],
         mask: Mask,
-        bound: S::Single,
+        bound: S::F32x16,
         stack: &mut Vec<Entry>,
         mut top: usize,
     ) -> usize {
@@ -315,11 +315,11 @@ impl<'a, S: Simd> Journey<'a, S> {
     /// Asks memory for what `child` names, where that may be far.
     #[inline(always)]
     pub(super) fn expect(&self, child: Child) {
-        if self.wide.nodes.len() <= AT_HAND {
+        if self.bvh.nodes.len() <= AT_HAND {
             return;
         }
         match child.link() {
-            Link::Inner(index) => prefetch(&self.wide.nodes, index, 1),
+            Link::Inner(index) => prefetch(&self.bvh.nodes, index, 1),
             Link::Leaf { kind: 0, start, count } => self.filter.triangles.expect(start, count),
             Link::Leaf { start, count, .. } => self.filter.spheres.expect(start, count),
             Link::Nothing => {}
@@ -335,12 +335,12 @@ impl<'a, S: Simd> Journey<'a, S> {
             let leaf = self.filter.triangles.leaf(start, count);
             let id = leaf::id(&leaf, spot.place);
             let mask = mask & !S::equal(&self.packet.own, id);
-            (id, meet_triangle(&self.rays.ray, &Triangle::lone(&leaf, spot.place), mask))
+            (id, intersect_triangle(&self.rays.ray, &Triangle::lone(&leaf, spot.place), mask))
         } else {
             let leaf = self.filter.spheres.leaf(start, count);
             let id = leaf::id(&leaf, spot.place);
             let mask = mask & !S::equal(&self.packet.own, id) & !S::equal(&self.packet.own, id | INSIDE);
-            (id, meet_sphere(&self.rays.ray, &Sphere::lone(&leaf, spot.place), mask))
+            (id, intersect_sphere(&self.rays.ray, &Sphere::lone(&leaf, spot.place), mask))
         };
         m.may &= m.sure & m.hi.lt(visitor.bound());
         if m.may != 0 {
@@ -357,7 +357,7 @@ impl<'a, S: Simd> Journey<'a, S> {
             for i in 0..count {
                 let id = leaf[leaf.len() - 1][i % WIDTH].tag();
                 let mask = mask & !S::equal(&self.packet.own, id);
-                let m = meet_triangle(&self.rays.ray, &Triangle::one(&leaf, i), mask);
+                let m = intersect_triangle(&self.rays.ray, &Triangle::one(&leaf, i), mask);
                 if m.may != 0 {
                     visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);
                 }
@@ -371,11 +371,11 @@ impl<'a, S: Simd> Journey<'a, S> {
             let outside = S::equal(&self.packet.own, id);
             let within = S::equal(&self.packet.own, id | INSIDE);
             let mask = mask & !outside;
-            let mut m = meet_sphere(&self.rays.ray, &Sphere::one(&leaf, i), mask);
+            let mut m = intersect_sphere(&self.rays.ray, &Sphere::one(&leaf, i), mask);
             if within & mask != 0 {
                 m.may |= within & mask;
                 m.sure &= !within;
-                m.lo = S::Single::splat(0.0).select(within, m.lo);
+                m.lo = S::F32x16::splat(0.0).select(within, m.lo);
             }
             if m.may != 0 {
                 visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);

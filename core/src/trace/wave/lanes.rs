@@ -4,10 +4,10 @@ use glam::DVec3;
 
 use super::PATHS;
 use crate::geometry::{Ray, Real, V3};
-use crate::simd::{Double, LANES, Simd};
+use crate::simd::{F64x8, LANES, Simd};
 use crate::trace::Tracer;
 use crate::trace::packet::NONE;
-use crate::trace::shade::{self, Place};
+use crate::trace::shade::{self, SurfaceInteraction};
 
 /// One number of each ray of a wave. There is room behind the last for a vector to be read or
 /// written whole; what stands there means nothing.
@@ -53,13 +53,13 @@ impl Default for Rays {
 impl Rays {
     /// Rays `at` to `at` + 8.
     #[inline(always)]
-    pub(super) fn eight<S: Simd>(&self, at: usize) -> Ray<S::Double> {
+    pub(super) fn eight<S: Simd>(&self, at: usize) -> Ray<S::F64x8> {
         Ray::new(load3::<S>(&self.o, at), load3::<S>(&self.d, at), load::<S>(&self.eo, at), load::<S>(&self.ed, at))
     }
 
     /// The rays at eight indices.
     #[inline(always)]
-    pub(super) fn pick<S: Simd>(&self, at: &Eight) -> Ray<S::Double> {
+    pub(super) fn pick<S: Simd>(&self, at: &Eight) -> Ray<S::F64x8> {
         Ray::new(at.load3::<S>(&self.o), at.load3::<S>(&self.d), at.load::<S>(&self.eo), at.load::<S>(&self.ed))
     }
 
@@ -70,7 +70,7 @@ impl Rays {
 }
 
 /// What rays met, as shading needs it; one entry a ray.
-pub(super) struct Places {
+pub(super) struct SurfaceInteractions {
     pub(super) p: [Column<f64>; 3],
     pub(super) ep: Column<f64>,
     pub(super) n: [Column<f64>; 3],
@@ -84,7 +84,7 @@ pub(super) struct Places {
     pub(super) refined: Column<u32>,
 }
 
-impl Default for Places {
+impl Default for SurfaceInteractions {
     fn default() -> Self {
         Self {
             p: columns(),
@@ -100,7 +100,7 @@ impl Default for Places {
     }
 }
 
-impl Places {
+impl SurfaceInteractions {
     /// Forgets what the first `n` were, as far as rays that meet nothing would not overwrite it.
     pub(super) fn reset(&mut self, n: usize) {
         let n = n.next_multiple_of(8);
@@ -112,26 +112,26 @@ impl Places {
 
     /// Segments to `light` from the places at eight indices.
     #[inline(always)]
-    pub(super) fn towards<S: Simd>(&self, at: &Eight, light: V3<S::Double>) -> Ray<S::Double> {
-        let place = Place {
+    pub(super) fn towards<S: Simd>(&self, at: &Eight, light: V3<S::F64x8>) -> Ray<S::F64x8> {
+        let interaction = SurfaceInteraction {
             p: at.load3::<S>(&self.p),
             ep: at.load::<S>(&self.ep),
             n: V3::splat(DVec3::ZERO),
-            en: S::Double::splat(0.0),
+            en: S::F64x8::splat(0.0),
         };
-        shade::towards(&place, light, light - place.p)
+        shade::towards(&interaction, light, light - interaction.p)
     }
 
-    pub(super) fn set(&mut self, i: usize, place: &Place) {
-        (self.p[0][i], self.p[1][i], self.p[2][i]) = (place.p.x, place.p.y, place.p.z);
-        (self.n[0][i], self.n[1][i], self.n[2][i]) = (place.n.x, place.n.y, place.n.z);
-        (self.ep[i], self.en[i]) = (place.ep, place.en);
+    pub(super) fn set(&mut self, i: usize, interaction: &SurfaceInteraction) {
+        (self.p[0][i], self.p[1][i], self.p[2][i]) = (interaction.p.x, interaction.p.y, interaction.p.z);
+        (self.n[0][i], self.n[1][i], self.n[2][i]) = (interaction.n.x, interaction.n.y, interaction.n.z);
+        (self.ep[i], self.en[i]) = (interaction.ep, interaction.en);
     }
 
-    /// Places `at` to `at` + 8.
+    /// SurfaceInteractions `at` to `at` + 8.
     #[inline(always)]
-    pub(super) fn eight<S: Simd>(&self, at: usize) -> Place<S::Double> {
-        Place {
+    pub(super) fn eight<S: Simd>(&self, at: usize) -> SurfaceInteraction<S::F64x8> {
+        SurfaceInteraction {
             p: load3::<S>(&self.p, at),
             ep: load::<S>(&self.ep, at),
             n: load3::<S>(&self.n, at),
@@ -141,13 +141,13 @@ impl Places {
 
     /// The segment from the i-th place to a light.
     pub(super) fn segment(&self, i: usize, tracer: &Tracer, light: usize) -> Ray {
-        let (place, to) = (self.one(i), V3::splat(tracer.prepared.local.lights[light]));
-        shade::towards(&place, to, to - place.p)
+        let (interaction, to) = (self.one(i), V3::splat(tracer.prepared.local.lights[light]));
+        shade::towards(&interaction, to, to - interaction.p)
     }
 
-    pub(super) fn one(&self, i: usize) -> Place {
+    pub(super) fn one(&self, i: usize) -> SurfaceInteraction {
         let v = |a: &[Column<f64>; 3]| V3 { x: a[0][i], y: a[1][i], z: a[2][i] };
-        Place { p: v(&self.p), ep: self.ep[i], n: v(&self.n), en: self.en[i] }
+        SurfaceInteraction { p: v(&self.p), ep: self.ep[i], n: v(&self.n), en: self.en[i] }
     }
 
     /// Whether one of places `at` to `at` + 8 is refined.
@@ -191,7 +191,7 @@ impl Eight {
     }
 
     #[inline(always)]
-    pub(super) fn load<S: Simd>(&self, v: &Column<f64>) -> S::Double {
+    pub(super) fn load<S: Simd>(&self, v: &Column<f64>) -> S::F64x8 {
         if self.run {
             return load::<S>(v, self.at[0] as usize);
         }
@@ -199,11 +199,11 @@ impl Eight {
         for k in 0..8 {
             lanes[k] = v[self.at[k] as usize];
         }
-        S::Double::load(&lanes)
+        S::F64x8::load(&lanes)
     }
 
     #[inline(always)]
-    pub(super) fn load3<S: Simd>(&self, v: &[Column<f64>; 3]) -> V3<S::Double> {
+    pub(super) fn load3<S: Simd>(&self, v: &[Column<f64>; 3]) -> V3<S::F64x8> {
         V3 { x: self.load::<S>(&v[0]), y: self.load::<S>(&v[1]), z: self.load::<S>(&v[2]) }
     }
 
@@ -221,7 +221,7 @@ impl Eight {
     }
 
     #[inline(always)]
-    pub(super) fn store<D: Double>(&self, x: D, to: &mut Column<f64>) {
+    pub(super) fn store<D: F64x8>(&self, x: D, to: &mut Column<f64>) {
         if self.run {
             return store(x, to, self.at[0] as usize);
         }
@@ -233,7 +233,7 @@ impl Eight {
     }
 
     #[inline(always)]
-    pub(super) fn store3<D: Double>(&self, x: V3<D>, to: &mut [Column<f64>; 3]) {
+    pub(super) fn store3<D: F64x8>(&self, x: V3<D>, to: &mut [Column<f64>; 3]) {
         self.store(x.x, &mut to[0]);
         self.store(x.y, &mut to[1]);
         self.store(x.z, &mut to[2]);
@@ -258,21 +258,21 @@ pub(super) fn eight_at_mut<T>(v: &mut Column<T>, at: usize) -> &mut [T; 8] {
 }
 
 #[inline(always)]
-pub(super) fn load<S: Simd>(v: &Column<f64>, at: usize) -> S::Double {
-    S::Double::load(eight_at(v, at))
+pub(super) fn load<S: Simd>(v: &Column<f64>, at: usize) -> S::F64x8 {
+    S::F64x8::load(eight_at(v, at))
 }
 
 #[inline(always)]
-pub(super) fn load3<S: Simd>(v: &[Column<f64>; 3], at: usize) -> V3<S::Double> {
+pub(super) fn load3<S: Simd>(v: &[Column<f64>; 3], at: usize) -> V3<S::F64x8> {
     V3 { x: load::<S>(&v[0], at), y: load::<S>(&v[1], at), z: load::<S>(&v[2], at) }
 }
 
 #[inline(always)]
-pub(super) fn store<D: Double>(x: D, to: &mut Column<f64>, at: usize) {
+pub(super) fn store<D: F64x8>(x: D, to: &mut Column<f64>, at: usize) {
     x.store(eight_at_mut(to, at));
 }
 
 #[inline(always)]
-pub(super) fn three<S: Simd>(lanes: &[[f64; 8]], at: usize) -> V3<S::Double> {
-    V3 { x: S::Double::load(&lanes[at]), y: S::Double::load(&lanes[at + 1]), z: S::Double::load(&lanes[at + 2]) }
+pub(super) fn three<S: Simd>(lanes: &[[f64; 8]], at: usize) -> V3<S::F64x8> {
+    V3 { x: S::F64x8::load(&lanes[at]), y: S::F64x8::load(&lanes[at + 1]), z: S::F64x8::load(&lanes[at + 2]) }
 }

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use super::lanes::{Column, Eight, Places, Rays, column, eight_at, eight_at_mut, load, load3};
+use super::lanes::{Column, Eight, Rays, SurfaceInteractions, column, eight_at, eight_at_mut, load, load3};
 use super::paths::Paths;
 use super::{PATHS, Stage};
 use crate::geometry::V3;
-use crate::simd::{Double, LANES, Simd};
+use crate::simd::{F64x8, LANES, Simd};
 use crate::trace::packet::{self, Packet, Spot, Ties, Walk};
 use crate::trace::shade;
 
@@ -42,33 +42,36 @@ impl Stage<'_> {
     pub(super) fn light<S: Simd>(
         &self,
         rays: &Rays,
-        places: &mut Places,
+        interactions: &mut SurfaceInteractions,
         shadows: &mut Shadows,
         packet: &mut Packet,
         walk: &mut Walk,
         paths: &mut Paths,
     ) {
         for (k, &light) in self.tracer.prepared.local.lights.iter().enumerate() {
-            let light = V3::<S::Double>::splat(light);
-            self.facing::<S>(rays, places, k, light, shadows, paths);
+            let light = V3::<S::F64x8>::splat(light);
+            self.facing::<S>(rays, interactions, k, light, shadows, paths);
             let mut last = shadows.last[k];
             let exempt = self.tracer.prepared.planes_with_light(k);
             for first in (0..shadows.count).step_by(LANES) {
                 let low = Eight::of(&shadows.at, first, shadows.count);
                 let high = Eight::of(&shadows.at, first + 8, shadows.count);
-                let near =
-                    self.fill::<S>(packet, &places.towards::<S>(&low, light), &places.towards::<S>(&high, light));
-                packet.own[..8].copy_from_slice(&low.take(&places.met));
-                packet.own[8..].copy_from_slice(&high.take(&places.met));
+                let near = self.fill::<S>(
+                    packet,
+                    &interactions.towards::<S>(&low, light),
+                    &interactions.towards::<S>(&high, light),
+                );
+                packet.own[..8].copy_from_slice(&low.take(&interactions.met));
+                packet.own[8..].copy_from_slice(&high.take(&interactions.met));
                 let all = ((1u32 << LANES.min(shadows.count - first)) - 1) as u16;
                 packet.active = all & near;
                 let ties = Ties::new(&self.tracer.prepared, packet, Some(k));
-                let mut blocked = packet::blocked::<S>(self.filter, self.wide, packet, &mut last, exempt, ties, walk);
+                let mut blocked = packet::blocked::<S>(self.filter, self.bvh, packet, &mut last, exempt, ties, walk);
                 for lane in packet::lanes(walk.open(all, near)) {
                     let i = shadows.at[first + lane] as usize;
                     let candidates = walk.doubts_of(lane);
                     let candidates = (near >> lane & 1 == 1).then_some(candidates);
-                    if paths.settle_shadow(rays, places, i, k, candidates) {
+                    if paths.settle_shadow(rays, interactions, i, k, candidates) {
                         blocked |= 1 << lane;
                     }
                 }
@@ -79,8 +82,8 @@ impl Stage<'_> {
                         for (lane, (to, x)) in cosines.iter_mut().zip(eight_at(&shadows.cosine, at)).enumerate() {
                             *to = if lit >> lane & 1 == 1 { *x } else { 0.0 };
                         }
-                        let sum = eight.load::<S>(&places.lit) + S::Double::load(&cosines);
-                        eight.store(sum, &mut places.lit);
+                        let sum = eight.load::<S>(&interactions.lit) + S::F64x8::load(&cosines);
+                        eight.store(sum, &mut interactions.lit);
                     }
                 }
             }
@@ -93,31 +96,31 @@ impl Stage<'_> {
     fn facing<S: Simd>(
         &self,
         rays: &Rays,
-        places: &Places,
+        interactions: &SurfaceInteractions,
         k: usize,
-        light: V3<S::Double>,
+        light: V3<S::F64x8>,
         shadows: &mut Shadows,
         paths: &mut Paths,
     ) {
         shadows.count = 0;
         for at in (0..rays.count).step_by(8) {
-            let mut cosine = shade::incidence(&places.eight::<S>(at), light).cosine;
+            let mut cosine = shade::incidence(&interactions.eight::<S>(at), light).cosine;
             let mut faces = cosine.positive();
-            if places.any_refined(at) {
+            if interactions.any_refined(at) {
                 let mut cosines = [0.0; 8];
                 cosine.store(&mut cosines);
-                paths.wide_cosines(places, at, k, &mut cosines);
-                cosine = S::Double::load(&cosines);
+                paths.wide_cosines(interactions, at, k, &mut cosines);
+                cosine = S::F64x8::load(&cosines);
                 faces = cosine.positive();
             }
             // What met nothing has no albedo.
-            let albedo = load3::<S>(&places.albedo, at);
+            let albedo = load3::<S>(&interactions.albedo, at);
             faces &= (albedo.x + albedo.y + albedo.z).positive() & (0xff >> (8 - 8.min(rays.count - at)));
             // A light in the plane of a surface does not light it.
             let in_plane = self.tracer.prepared.planes_with_light(k);
             if !in_plane.is_empty() {
                 for lane in packet::lanes(u16::from(faces)) {
-                    if in_plane.contains(&places.met[at + lane]) {
+                    if in_plane.contains(&interactions.met[at + lane]) {
                         faces &= !(1 << lane);
                     }
                 }
@@ -132,11 +135,11 @@ impl Stage<'_> {
 
     /// Adds what each place sends along its path.
     #[inline(always)]
-    pub(super) fn gather<S: Simd>(&self, rays: &Rays, places: &Places, paths: &mut Paths) {
+    pub(super) fn gather<S: Simd>(&self, rays: &Rays, interactions: &SurfaceInteractions, paths: &mut Paths) {
         for at in (0..rays.count).step_by(8) {
-            let albedo = load3::<S>(&places.albedo, at);
+            let albedo = load3::<S>(&interactions.albedo, at);
             // What met nothing has no albedo, and sends nothing.
-            let share = load::<S>(&rays.throughput, at) * load::<S>(&places.lit, at);
+            let share = load::<S>(&rays.throughput, at) * load::<S>(&interactions.lit, at);
             let direct = albedo * share;
             let (count, path) = (8.min(rays.count - at), eight_at(&rays.path, at));
             if count == 8 && path[7] - path[0] == 7 {

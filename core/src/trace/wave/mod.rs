@@ -2,21 +2,21 @@
 //!
 //! A wave holds the paths of a block of pixels and steps them from mirror to mirror. What a
 //! packet cannot settle in f32 is settled among its few candidates in f64, and what f64 cannot
-//! settle goes to the arbiter. `trace::path` traces one path by the same operations and serves
+//! settle goes to exact arithmetic. `trace::path` traces one path by the same operations and serves
 //! scenes that f32 cannot hold, and the rare path that is longer than a wave keeps.
 
-mod find;
+mod closest;
 mod lanes;
 mod light;
 mod paths;
-mod places;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 
 use std::cell::Cell;
 
 use glam::DVec3;
-use lanes::{Column, Places, Rays, column};
+use lanes::{Column, Rays, SurfaceInteractions, column};
 use light::Shadows;
 use paths::Paths;
 
@@ -25,7 +25,7 @@ use super::filter::Filter;
 use super::packet::{Packet, Walk};
 use super::path::PathScratch;
 use super::{RayCounts, Sample, Tracer};
-use crate::bvh::{Boxes, Wide};
+use crate::bvh::{Boxes, Bvh};
 use crate::simd::{Kernel, Simd};
 
 /// The most paths of a wave.
@@ -51,7 +51,7 @@ impl Default for Kinds {
 pub(crate) struct WaveScratch {
     rays: Rays,
     next: Rays,
-    places: Places,
+    interactions: SurfaceInteractions,
     shadows: Shadows,
     packet: Packet,
     walk: Walk,
@@ -70,7 +70,7 @@ impl Default for WaveScratch {
         Self {
             rays: Rays::default(),
             next: Rays::default(),
-            places: Places::default(),
+            interactions: SurfaceInteractions::default(),
             shadows: Shadows::default(),
             packet: Packet::default(),
             walk: Walk::default(),
@@ -121,13 +121,13 @@ impl Kernel for Wave<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let prepared = &self.tracer.prepared;
-        let (Some(filter), Boxes::Single(wide)) = (&prepared.filter, &prepared.boxes) else {
+        let (Some(filter), Boxes::F32(bvh)) = (&prepared.filter, &prepared.boxes) else {
             return self.run_scalar();
         };
         let WaveScratch {
             rays,
             next,
-            places,
+            interactions,
             shadows,
             packet,
             walk,
@@ -157,26 +157,26 @@ impl Kernel for Wave<'_> {
             trails,
             query: &mut path.query,
             courts: Vec::new(),
-            refined_places: Vec::new(),
+            refined_interactions: Vec::new(),
             step: 0,
             least: self.least,
         };
         shadows.forget(prepared.local.lights.len());
-        let stage = Stage { tracer: self.tracer, filter, wide };
+        let stage = Stage { tracer: self.tracer, filter, bvh };
         stage.camera::<S>(self.points, rays);
         for depth in 1..=max_depth.min(STEPS) {
             if rays.count == 0 || self.tracer.is_unwanted() {
                 break;
             }
             paths.step = depth as usize - 1;
-            paths.refined_places.clear();
-            stage.closest::<S>(rays, places, packet, walk, &mut paths);
-            stage.places::<S>(rays, places, kinds, &mut paths);
-            stage.light::<S>(rays, places, shadows, packet, walk, &mut paths);
-            stage.gather::<S>(rays, places, &mut paths);
+            paths.refined_interactions.clear();
+            stage.closest::<S>(rays, interactions, packet, walk, &mut paths);
+            stage.interactions::<S>(rays, interactions, kinds, &mut paths);
+            stage.light::<S>(rays, interactions, shadows, packet, walk, &mut paths);
+            stage.gather::<S>(rays, interactions, &mut paths);
             next.count = 0;
             if self.tracer.mirrors && depth < max_depth {
-                stage.reflect::<S>(rays, places, next, &mut paths);
+                stage.reflect::<S>(rays, interactions, next, &mut paths);
             }
             std::mem::swap(rays, next);
         }
@@ -210,5 +210,5 @@ impl Kernel for Wave<'_> {
 struct Stage<'a> {
     tracer: &'a Tracer,
     filter: &'a Filter,
-    wide: &'a Wide<f32>,
+    bvh: &'a Bvh<f32>,
 }

@@ -2,17 +2,18 @@
 
 use glam::DVec3;
 
-use crate::geometry::{ObjectId, U};
+use crate::geometry::U;
+use crate::scene::ObjectId;
 use crate::scene::Pigment;
-use crate::trace::arbiter::Decision;
 use crate::trace::camera::PlanePoint;
-use crate::trace::court::{Case, Court, Refined};
+use crate::trace::exact::Decision;
 use crate::trace::packet::{INSIDE, NONE};
-use crate::trace::query::{Closest, Occluded, Scratch};
+use crate::trace::refine::{Case, Refined, Refiner};
+use crate::trace::scalar::{Closest, Occluded, Scratch};
 use crate::trace::shade;
 use crate::trace::{RayCounts, Refinement, Tracer};
 
-use super::lanes::{Column, Places, Rays};
+use super::lanes::{Column, Rays, SurfaceInteractions};
 
 /// The paths of one wave.
 pub(super) struct Paths<'a> {
@@ -28,10 +29,10 @@ pub(super) struct Paths<'a> {
     /// Per step, what each path met.
     pub(super) trails: &'a mut Vec<Column<u32>>,
     pub(super) query: &'a mut Scratch,
-    /// Wide arithmetic of the paths that needed it; empty until one does.
-    pub(super) courts: Vec<Option<Box<Court>>>,
-    /// Places of this step that f64 alone would misplace.
-    pub(super) refined_places: Vec<Refined>,
+    /// Bvh arithmetic of the paths that needed it; empty until one does.
+    pub(super) courts: Vec<Option<Box<Refiner>>>,
+    /// SurfaceInteractions of this step that f64 alone would misplace.
+    pub(super) refined_interactions: Vec<Refined>,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
     /// Mirrored rays of no more weight are not followed.
@@ -71,11 +72,17 @@ impl Paths<'_> {
 
     /// Puts what wide arithmetic knows of the cosines towards `light` at places `at` to `at` + 8.
     #[inline(never)]
-    pub(super) fn wide_cosines(&self, places: &Places, at: usize, light: usize, cosines: &mut [f64; 8]) {
+    pub(super) fn wide_cosines(
+        &self,
+        interactions: &SurfaceInteractions,
+        at: usize,
+        light: usize,
+        cosines: &mut [f64; 8],
+    ) {
         for (lane, cosine) in cosines.iter_mut().enumerate() {
-            let refined = places.refined[at + lane] as usize;
+            let refined = interactions.refined[at + lane] as usize;
             if refined != 0
-                && let Some(hit) = &self.refined_places[refined - 1].hit
+                && let Some(hit) = &self.refined_interactions[refined - 1].hit
             {
                 *cosine = hit.cosines[light];
             }
@@ -84,18 +91,24 @@ impl Paths<'_> {
 
     /// Puts what wide arithmetic knows of the ray mirrored at place `i` into its lane of d and ed.
     #[inline(never)]
-    pub(super) fn mirrored(&self, places: &Places, i: usize, lane: usize, lanes: &mut [[f64; 8]; 4]) {
-        if self.tracer.refinement == Refinement::Off && places.en[i] == shade::TAKEN {
+    pub(super) fn mirrored(
+        &self,
+        interactions: &SurfaceInteractions,
+        i: usize,
+        lane: usize,
+        lanes: &mut [[f64; 8]; 4],
+    ) {
+        if self.tracer.refinement == Refinement::Off && interactions.en[i] == shade::TAKEN {
             lanes[3][lane] = 4.0 * U;
         }
-        if places.refined[i] != 0 {
-            let Refined { mirrored: d, turn, .. } = self.refined_places[places.refined[i] as usize - 1];
+        if interactions.refined[i] != 0 {
+            let Refined { mirrored: d, turn, .. } = self.refined_interactions[interactions.refined[i] as usize - 1];
             (lanes[0][lane], lanes[1][lane], lanes[2][lane], lanes[3][lane]) = (d.x, d.y, d.z, turn);
         }
     }
 
-    /// Puts a question about `path` to its court, with what that path met before this step.
-    fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Court, &Case<'_>) -> A) -> A {
+    /// Puts a question about `path` to its refiner, with what that path met before this step.
+    fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Refiner, &Case<'_>) -> A) -> A {
         self.counts.refined += 1;
         if self.courts.is_empty() {
             self.courts.resize_with(self.points.len(), || None);
@@ -117,7 +130,7 @@ impl Paths<'_> {
         rays: &Rays,
         i: usize,
         candidates: Option<impl Iterator<Item = u32>>,
-        places: &mut Places,
+        interactions: &mut SurfaceInteractions,
     ) {
         let prepared = &self.tracer.prepared;
         let (ray, from) = (rays.one(i), Decision::of(rays.own[i]));
@@ -125,7 +138,7 @@ impl Paths<'_> {
             Some(ids) => prepared.closest_among(&ray, from, ids.map(|id| ObjectId(id & !INSIDE)), self.query),
             None => prepared.closest(&ray, from, self.query),
         };
-        places.met[i] = match found {
+        interactions.met[i] = match found {
             Closest::Nothing => NONE,
             Closest::Sure(d) => d.code(),
             Closest::Doubt if self.tracer.refinement == Refinement::Off => {
@@ -133,7 +146,7 @@ impl Paths<'_> {
             }
             Closest::Doubt => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                let found = self.ask(rays.path[i] as usize, |court, case| court.closest(case, &candidates));
+                let found = self.ask(rays.path[i] as usize, |refiner, case| refiner.closest(case, &candidates));
                 found.map_or(NONE, Decision::code)
             }
         };
@@ -144,14 +157,14 @@ impl Paths<'_> {
     pub(super) fn settle_shadow(
         &mut self,
         rays: &Rays,
-        places: &Places,
+        interactions: &SurfaceInteractions,
         i: usize,
         light: usize,
         candidates: Option<impl Iterator<Item = u32>>,
     ) -> bool {
         let prepared = &self.tracer.prepared;
-        let ray = places.segment(i, self.tracer, light);
-        let met = Decision::of(places.met[i]);
+        let ray = interactions.segment(i, self.tracer, light);
+        let met = Decision::of(interactions.met[i]);
         let occluded = match candidates {
             Some(ids) => {
                 let ids = ids.map(|id| ObjectId(id & !INSIDE));
@@ -165,38 +178,41 @@ impl Paths<'_> {
             (Occluded::Doubt, _) if self.tracer.refinement == Refinement::Off => self.query.likely_occluded(),
             (Occluded::Doubt, Some(met)) => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                self.ask(rays.path[i] as usize, |court, case| court.occluded(case, met, light, &candidates))
+                self.ask(rays.path[i] as usize, |refiner, case| refiner.occluded(case, met, light, &candidates))
             }
         }
     }
 
     /// Takes everything about place `i` from wide arithmetic.
     #[inline(never)]
-    pub(super) fn refine(&mut self, rays: &Rays, places: &mut Places, i: usize) {
-        let Some(met) = Decision::of(places.met[i]) else { return };
+    pub(super) fn refine(&mut self, rays: &Rays, interactions: &mut SurfaceInteractions, i: usize) {
+        let Some(met) = Decision::of(interactions.met[i]) else { return };
         let tracer = self.tracer;
         if tracer.refinement == Refinement::Off {
-            places.set(i, &places.one(i).taken_as_it_is());
+            interactions.set(i, &interactions.one(i).taken_as_it_is());
             return;
         }
-        if let Some(place) = tracer.giant_place(&rays.one(i), met, Decision::of(rays.own[i]), rays.throughput[i]) {
-            places.set(i, &place);
+        if let Some(interaction) =
+            tracer.giant_interaction(&rays.one(i), met, Decision::of(rays.own[i]), rays.throughput[i])
+        {
+            interactions.set(i, &interaction);
             return;
         }
         let goes_on =
-            places.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
+            interactions.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
         let throughput = rays.throughput[i];
-        let found = self.ask(rays.path[i] as usize, |court, case| court.place(case, met, throughput, goes_on));
+        let found =
+            self.ask(rays.path[i] as usize, |refiner, case| refiner.interaction(case, met, throughput, goes_on));
         let Some(refined) = found else { return };
-        places.set(i, &refined.place);
+        interactions.set(i, &refined.interaction);
         let material = tracer.material(met.id);
-        if let (Pigment::Picture(picture), Some(hit)) = (material.pigment, &refined.hit) {
+        if let (Pigment::Texture(picture), Some(hit)) = (material.pigment, &refined.hit) {
             let color = material.albedo * tracer.picture_color(picture, hit.uv, met.id);
-            for (to, x) in places.albedo.iter_mut().zip(color.to_array()) {
+            for (to, x) in interactions.albedo.iter_mut().zip(color.to_array()) {
                 to[i] = x;
             }
         }
-        self.refined_places.push(refined);
-        places.refined[i] = self.refined_places.len() as u32;
+        self.refined_interactions.push(refined);
+        interactions.refined[i] = self.refined_interactions.len() as u32;
     }
 }

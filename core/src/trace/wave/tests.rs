@@ -7,13 +7,14 @@ use proptest::prelude::*;
 
 use super::{Stage, WaveScratch};
 use crate::bvh::Boxes;
-use crate::geometry::local::ldexp;
-use crate::geometry::{ObjectId, Ray, V3};
+use crate::geometry::{Ray, V3};
+use crate::scene::ObjectId;
+use crate::scene::local::ldexp;
 use crate::scene::{PlanePosition, Scene, SceneBuilder, Surface};
 use crate::settings::{Sampling, Settings, Transfer, View};
 use crate::simd::{Kernel, LANES, Level, Simd, dispatch};
 use crate::trace::packet::{INSIDE, NONE};
-use crate::trace::query::{Closest, Scratch};
+use crate::trace::scalar::{Closest, Scratch};
 use crate::trace::{PreparedScene, Tracer, proof};
 
 /// One object.
@@ -54,10 +55,10 @@ impl Kernel for Walked<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) -> Said {
         let prepared = &self.tracer.prepared;
-        let (Some(filter), Boxes::Single(wide)) = (&prepared.filter, &prepared.boxes) else {
+        let (Some(filter), Boxes::F32(bvh)) = (&prepared.filter, &prepared.boxes) else {
             return self.run_scalar();
         };
-        let stage = Stage { tracer: self.tracer, filter, wide };
+        let stage = Stage { tracer: self.tracer, filter, bvh };
         let mut scratch = WaveScratch::default();
         let WaveScratch { rays, packet, walk, .. } = &mut scratch;
         let n = self.rays.len();

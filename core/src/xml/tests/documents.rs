@@ -225,17 +225,17 @@ fn pictures() {
         |objects: &str| read_bytes(scene(objects).into_bytes(), "s.xml", Some(folder.path()), &ReadOptions::default());
     let objects = [pictured("a b.ppm"), pictured("./a b.ppm"), pictured("other.ppm"), pictured("a&#32;b.ppm")].concat();
     let scene = read(&objects).unwrap_or_else(|e| panic!("{e}")).scene;
-    assert_eq!(scene.pictures().len(), 2);
+    assert_eq!(scene.textures().len(), 2);
     let pigments: Vec<_> = scene.spheres().iter().map(|s| scene.surface(s.surface).pigment).collect();
     assert!(pigments[0] == pigments[1] && pigments[0] == pigments[3] && pigments[0] != pigments[2]);
     let objects =
         [pictured("none.ppm"), pictured("cut.ppm"), pictured("."), pictured(""), pictured("none.ppm")].concat();
     let error = read(&objects).map(|_| ()).unwrap_err();
     let told: Vec<_> = error.diagnostics.iter().map(|d| (d.code, d.position())).collect();
-    assert_eq!(told, [3, 4, 5, 6].map(|line| (Code::Picture, Some((line, 104)))), "{error}");
+    assert_eq!(told, [3, 4, 5, 6].map(|line| (Code::Texture, Some((line, 104)))), "{error}");
     assert!(error.diagnostics[1].message.contains("cut.ppm") && error.diagnostics[1].message.contains("truncated"));
     // Without a folder there is nothing to look them up from.
-    assert_eq!(only(super::read(&super::scene(&pictured("a b.ppm")))).code, Code::Picture);
+    assert_eq!(only(super::read(&super::scene(&pictured("a b.ppm")))).code, Code::Texture);
 }
 
 #[test]

@@ -41,7 +41,7 @@ pub(crate) fn write(scene: &Scene, settings: &Settings, out: &mut impl Write) ->
     for surface in scene.surfaces() {
         let color = match surface.pigment {
             Pigment::Color(c) => c,
-            Pigment::Picture(_) => [1.0; 3],
+            Pigment::Texture(_) => [1.0; 3],
         };
         floats(&[surface.diffuse, surface.reflect], out)?;
         floats(&color, out)?;

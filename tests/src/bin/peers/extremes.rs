@@ -80,7 +80,7 @@ pub(crate) fn measure(programs: &[Program], out: &Path) -> Result<Vec<Row>> {
             document.write(out, &name)?;
             let file = SceneFile { path: out.join(format!("{name}.xml")), name };
             let job = Job { scene: &file, settings: &settings, threads: 2, folder: out };
-            let pictured = scene.surfaces().iter().any(|s| matches!(s.pigment, Pigment::Picture(_)));
+            let pictured = scene.surfaces().iter().any(|s| matches!(s.pigment, Pigment::Texture(_)));
             for (program, row) in programs.iter().zip(&mut of_set) {
                 if matches!(program, Program::Embree(_)) && (pictured || settings.view.zoom() != 1.0) {
                     continue;

@@ -61,7 +61,7 @@ fn texture(scene: &Scene, id: SurfaceId) -> String {
     let surface = scene.surface(id);
     let pigment = match surface.pigment {
         Pigment::Color(c) => color(c),
-        Pigment::Picture(_) => color([1.0; 3]),
+        Pigment::Texture(_) => color([1.0; 3]),
     };
     format!(
         "TEXTURE AMBIENT 0 DIFFUSE {} SPECULAR {} OPACITY 1 COLOR {pigment} TEXFUNC 0",

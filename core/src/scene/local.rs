@@ -3,13 +3,13 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::plane::LocalPlane;
-use super::sphere::LocalSphere;
-use super::triangle::LocalTriangle;
-use super::{Aabb, DoubleDouble, U, V3};
+use super::{Order, Plane, PlanePosition, Scene, Sphere, SurfaceId, Triangle};
+use crate::geometry::plane::LocalPlane;
+use crate::geometry::sphere::LocalSphere;
+use crate::geometry::triangle::LocalTriangle;
+use crate::geometry::{Aabb, DoubleDouble, U, V3};
 use crate::precise::predicates::Exact;
 use crate::precise::{Big, Vector};
-use crate::scene::{Order, Plane, PlanePosition, Scene, Sphere, SurfaceId, Triangle};
 use crate::simd::roomy;
 
 /// An object: planes first, then spheres, then triangles, each in document order.

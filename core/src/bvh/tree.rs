@@ -87,7 +87,7 @@ impl<T: Coordinate> Node<T> {
 
 /// The hierarchy; node 0 is the root. Empty where there are no items.
 #[derive(Debug)]
-pub(crate) struct Wide<T> {
+pub(crate) struct Bvh<T> {
     pub(crate) nodes: Vec<Node<T>>,
     /// Ids of the items of each kind, in the order leaves name them.
     pub(crate) ids: [Vec<u32>; 2],
@@ -96,13 +96,13 @@ pub(crate) struct Wide<T> {
     pub(crate) hi: [f64; 3],
 }
 
-impl<T> Default for Wide<T> {
+impl<T> Default for Bvh<T> {
     fn default() -> Self {
         Self { nodes: Vec::new(), ids: [Vec::new(), Vec::new()], lo: [0.0; 3], hi: [0.0; 3] }
     }
 }
 
-impl<T: Coordinate> Wide<T> {
+impl<T: Coordinate> Bvh<T> {
     /// These nodes, and behind them those of `parts`, each below the child that its place names by
     /// node and slot.
     pub(super) fn with(mut self, parts: Vec<(Self, (usize, usize))>) -> Self {

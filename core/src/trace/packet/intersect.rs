@@ -1,7 +1,7 @@
 //! One object before sixteen rays, or up to eight before one: the same arithmetic.
 
 use super::{Packet, U32};
-use crate::simd::{Floats, LANES, MOST, Octet, Rows, Simd, Single};
+use crate::simd::{F32x8, F32x16, Floats, LANES, MOST, Rows, Simd};
 use crate::trace::filter::{FlatPlane, SPHERE, TRIANGLE};
 
 /// [e(0), e(1), e(2)] without a closure, which would not be compiled for the level's instructions.
@@ -51,23 +51,23 @@ impl<F: Floats> Ray<F> {
 /// The packet in registers.
 #[derive(Clone, Copy)]
 pub(super) struct Rays<S: Simd> {
-    pub(super) ray: Ray<S::Single>,
-    pub(super) inv: [S::Single; 3],
+    pub(super) ray: Ray<S::F32x16>,
+    pub(super) inv: [S::F32x16; 3],
     /// −(o ± pad)/d: for lower and for upper ends of boxes.
-    pub(super) low: [S::Single; 3],
-    pub(super) high: [S::Single; 3],
-    pub(super) pad: S::Single,
+    pub(super) low: [S::F32x16; 3],
+    pub(super) high: [S::F32x16; 3],
+    pub(super) pad: S::F32x16,
 }
 
 impl<S: Simd> Rays<S> {
     #[inline(always)]
     pub(super) fn new(p: &Packet) -> Self {
-        let s = S::Single::splat;
-        let o = each!(k => S::Single::load(&p.o[k]));
-        let d = each!(k => S::Single::load(&p.d[k]));
-        let near = S::Single::load(&p.near);
-        let per = S::Single::load(&p.per);
-        let pad = S::Single::load(&p.pad);
+        let s = S::F32x16::splat;
+        let o = each!(k => S::F32x16::load(&p.o[k]));
+        let d = each!(k => S::F32x16::load(&p.d[k]));
+        let near = S::F32x16::load(&p.near);
+        let per = S::F32x16::load(&p.per);
+        let pad = S::F32x16::load(&p.pad);
         // A component of 0 becomes tiny: a turn far below `ed`, and no 0 · ∞.
         let tiny = s(1e-30);
         let inv = each!(k => tiny.select(d[k].abs().lt(tiny), d[k]).recip());
@@ -82,11 +82,11 @@ impl<S: Simd> Rays<S> {
 
     /// Where the box is entered and left, `from` 0 `to` the bound.
     #[inline(always)]
-    pub(super) fn slabs(&self, lo: [f32; 3], hi: [f32; 3], bound: S::Single) -> (S::Single, S::Single) {
-        let (mut near, mut far) = (S::Single::splat(0.0), bound);
+    pub(super) fn slabs(&self, lo: [f32; 3], hi: [f32; 3], bound: S::F32x16) -> (S::F32x16, S::F32x16) {
+        let (mut near, mut far) = (S::F32x16::splat(0.0), bound);
         for k in 0..3 {
-            let a = S::Single::splat(lo[k]).fma(self.inv[k], self.low[k]);
-            let b = S::Single::splat(hi[k]).fma(self.inv[k], self.high[k]);
+            let a = S::F32x16::splat(lo[k]).fma(self.inv[k], self.low[k]);
+            let b = S::F32x16::splat(hi[k]).fma(self.inv[k], self.high[k]);
             near = near.max(a.min(b));
             far = far.min(a.max(b));
         }
@@ -100,13 +100,13 @@ impl<S: Simd> Rays<S> {
         &self,
         enter: [f32; 3],
         leave: [f32; 3],
-        ends: &[[S::Single; 3]; 2],
-        bound: S::Single,
-    ) -> (S::Single, S::Single) {
-        let (mut near, mut far) = (S::Single::splat(0.0), bound);
+        ends: &[[S::F32x16; 3]; 2],
+        bound: S::F32x16,
+    ) -> (S::F32x16, S::F32x16) {
+        let (mut near, mut far) = (S::F32x16::splat(0.0), bound);
         for k in 0..3 {
-            near = near.max(S::Single::splat(enter[k]).fma(self.inv[k], ends[0][k]));
-            far = far.min(S::Single::splat(leave[k]).fma(self.inv[k], ends[1][k]));
+            near = near.max(S::F32x16::splat(enter[k]).fma(self.inv[k], ends[0][k]));
+            far = far.min(S::F32x16::splat(leave[k]).fma(self.inv[k], ends[1][k]));
         }
         (near, far)
     }
@@ -148,8 +148,8 @@ impl Apart {
     }
 
     #[inline(always)]
-    pub(super) fn ray<S: Simd>(&self, p: &Packet, lane: usize) -> Ray<S::Octet> {
-        let s = S::Octet::splat;
+    pub(super) fn ray<S: Simd>(&self, p: &Packet, lane: usize) -> Ray<S::F32x8> {
+        let s = S::F32x8::splat;
         Ray {
             o: each!(k => s(p.o[k][lane])),
             d: each!(k => s(p.d[k][lane])),
@@ -163,7 +163,7 @@ impl Apart {
 }
 
 /// Lanes that may meet an object, those that surely do, and where.
-pub(super) struct Meeting<F: Floats> {
+pub(super) struct Intersection<F: Floats> {
     pub(super) may: F::Mask,
     pub(super) sure: F::Mask,
     pub(super) lo: F,
@@ -216,7 +216,7 @@ impl<F: Floats> Triangle<F> {
     }
 }
 
-impl<F: Octet> Triangle<F> {
+impl<F: F32x8> Triangle<F> {
     #[inline(always)]
     pub(super) fn all(leaf: &Rows<'_, TRIANGLE>) -> Self {
         triangle!(k => F::load(leaf.row(k)))
@@ -235,7 +235,7 @@ impl<F: Floats> Sphere<F> {
     }
 }
 
-impl<F: Octet> Sphere<F> {
+impl<F: F32x8> Sphere<F> {
     #[inline(always)]
     pub(super) fn all(leaf: &Rows<'_, SPHERE>) -> Self {
         sphere!(k => F::load(leaf.row(k)))
@@ -243,7 +243,7 @@ impl<F: Octet> Sphere<F> {
 }
 
 #[inline(always)]
-pub(super) fn meet_triangle<F: Floats>(r: &Ray<F>, t: &Triangle<F>, mask: F::Mask) -> Meeting<F> {
+pub(super) fn intersect_triangle<F: Floats>(r: &Ray<F>, t: &Triangle<F>, mask: F::Mask) -> Intersection<F> {
     let s = F::splat;
     let den = Ray::dot(t.n, &r.d);
     let num = t.h - Ray::dot(t.n, &r.o);
@@ -263,11 +263,11 @@ pub(super) fn meet_triangle<F: Floats>(r: &Ray<F>, t: &Triangle<F>, mask: F::Mas
     // Written so that NaN may be met and is never sure.
     let may = mask & !least.lt(-e) & !hi.lt(zero);
     let sure = e.lt(least) & zero.lt(lo);
-    Meeting { may, sure, lo, hi, inside: F::Mask::from(0) }
+    Intersection { may, sure, lo, hi, inside: F::Mask::from(0) }
 }
 
 #[inline(always)]
-pub(super) fn meet_sphere<F: Floats>(r: &Ray<F>, sphere: &Sphere<F>, mask: F::Mask) -> Meeting<F> {
+pub(super) fn intersect_sphere<F: Floats>(r: &Ray<F>, sphere: &Sphere<F>, mask: F::Mask) -> Intersection<F> {
     let s = F::splat;
     let oc = each!(k => r.o[k] - sphere.c[k]);
     let b = oc[0].fma(r.d[0], oc[1].fma(r.d[1], oc[2] * r.d[2]));
@@ -280,7 +280,7 @@ pub(super) fn meet_sphere<F: Floats>(r: &Ray<F>, sphere: &Sphere<F>, mask: F::Ma
     let (zero, none) = (s(0.0), F::Mask::from(0));
     let may = mask & !(outer * outer * s(1.0 + 16.0 * U32)).lt(qq);
     if may == none {
-        return Meeting { may, sure: none, lo: zero, hi: zero, inside: none };
+        return Intersection { may, sure: none, lo: zero, hi: zero, inside: none };
     }
     let rr = radius * radius;
     let hh = rr - qq;
@@ -299,11 +299,11 @@ pub(super) fn meet_sphere<F: Floats>(r: &Ray<F>, sphere: &Sphere<F>, mask: F::Ma
     // Where neither root is sure, anything from the near one on.
     let lo = (far - e).select(cut & inside, near - e);
     let hi = (near + e).select(cut & ahead, far + e);
-    Meeting { may: may & !hi.lt(zero), sure, lo, hi, inside }
+    Intersection { may: may & !hi.lt(zero), sure, lo, hi, inside }
 }
 
 #[inline(always)]
-pub(super) fn meet_plane<F: Floats>(r: &Ray<F>, p: &FlatPlane, ed: F, mask: F::Mask) -> Meeting<F> {
+pub(super) fn intersect_plane<F: Floats>(r: &Ray<F>, p: &FlatPlane, ed: F, mask: F::Mask) -> Intersection<F> {
     let s = F::splat;
     let n = each!(k => s(p.n[k]));
     let den = Ray::dot(n, &r.d);
@@ -320,7 +320,7 @@ pub(super) fn meet_plane<F: Floats>(r: &Ray<F>, p: &FlatPlane, ed: F, mask: F::M
     let leans = turn.lt(s(0.25));
     let may = mask & !(leans & hi.lt(zero));
     let sure = leans & zero.lt(lo);
-    Meeting {
+    Intersection {
         may,
         sure,
         lo: lo.select(leans, s(0.0)),

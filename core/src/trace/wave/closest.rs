@@ -1,10 +1,10 @@
 //! The rays of a wave, and what they meet.
 
-use super::lanes::{Places, Rays, eight_at, store};
+use super::lanes::{Rays, SurfaceInteractions, eight_at, store};
 use super::paths::Paths;
 use super::{FAR, Stage};
 use crate::geometry::{Ray, V3};
-use crate::simd::{Double, Floats, LANES, Mask, Simd, Single, prefetch};
+use crate::simd::{F32x16, F64x8, Floats, LANES, Mask, Simd, prefetch};
 use crate::trace::camera::{self, PlanePoint};
 use crate::trace::packet::{self, INSIDE, NONE, Packet, Ties, U32, Walk};
 
@@ -20,7 +20,7 @@ impl Stage<'_> {
                 (x[lane], y[lane]) = (f64::from(p.x), f64::from(p.y));
             }
             // The operations of `Frame::direction`.
-            let d: V3<S::Double> = forward + right * S::Double::load(&x) + up * S::Double::load(&y);
+            let d: V3<S::F64x8> = forward + right * S::F64x8::load(&x) + up * S::F64x8::load(&y);
             store(d.x, &mut rays.d[0], 8 * k);
             store(d.y, &mut rays.d[1], 8 * k);
             store(d.z, &mut rays.d[2], 8 * k);
@@ -40,8 +40,8 @@ impl Stage<'_> {
 
     /// Fills lanes 0..8 and 8..16 of `packet` from f64 rays; gives those that f32 can follow.
     #[inline(always)]
-    pub(super) fn fill<S: Simd>(&self, packet: &mut Packet, low: &Ray<S::Double>, high: &Ray<S::Double>) -> u16 {
-        let s = S::Single::splat;
+    pub(super) fn fill<S: Simd>(&self, packet: &mut Packet, low: &Ray<S::F64x8>, high: &Ray<S::F64x8>) -> u16 {
+        let s = S::F32x16::splat;
         let o =
             V3 { x: S::narrow(low.o.x, high.o.x), y: S::narrow(low.o.y, high.o.y), z: S::narrow(low.o.z, high.o.z) };
         let d =
@@ -83,7 +83,7 @@ impl Stage<'_> {
         packet.own[8..].copy_from_slice(eight_at(&rays.own, at + 8));
         packet.active = all & near;
         let ties = Ties::new(&self.tracer.prepared, packet, None);
-        packet::closest::<S>(self.filter, self.wide, packet, ties, walk);
+        packet::closest::<S>(self.filter, self.bvh, packet, ties, walk);
         [all, near]
     }
 
@@ -91,7 +91,7 @@ impl Stage<'_> {
     pub(super) fn closest<S: Simd>(
         &self,
         rays: &Rays,
-        places: &mut Places,
+        interactions: &mut SurfaceInteractions,
         packet: &mut Packet,
         walk: &mut Walk,
         paths: &mut Paths,
@@ -99,13 +99,13 @@ impl Stage<'_> {
         let n = rays.count;
         for at in (0..n).step_by(LANES) {
             let [all, near] = self.nearest::<S>(rays, at, n, packet, walk);
-            places.met[at..at + LANES].copy_from_slice(&walk.best);
+            interactions.met[at..at + LANES].copy_from_slice(&walk.best);
             self.expect(&walk.best);
             for lane in packet::lanes(walk.open(all, near)) {
                 let sure = (walk.best[lane] != NONE).then_some(walk.best[lane]);
                 let candidates = walk.doubts_of(lane).chain(sure);
                 let candidates = (near >> lane & 1 == 1).then_some(candidates);
-                paths.settle(rays, at + lane, candidates, places);
+                paths.settle(rays, at + lane, candidates, interactions);
             }
         }
     }

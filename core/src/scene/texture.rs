@@ -2,7 +2,7 @@
 
 /// A picture of `width` × `height` pixels, each three components of the same depth.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
+pub struct Texture {
     width: u32,
     height: u32,
     maxval: u16,
@@ -19,8 +19,8 @@ pub(crate) enum Samples {
 
 /// Why samples do not make a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PictureError {
-    /// A picture has at least one pixel and at most [`Picture::MAX_SAMPLES`] samples.
+pub enum TextureError {
+    /// A picture has at least one pixel and at most [`Texture::MAX_SAMPLES`] samples.
     #[error("a picture of {0}x{1} pixels is empty or too large")]
     Size(u32, u32),
     /// Samples must be three for every pixel.
@@ -31,29 +31,29 @@ pub enum PictureError {
     Range(u16),
 }
 
-impl Picture {
+impl Texture {
     /// The most samples (3 × pixels) a picture may hold: 512 MiB of 16-bit ones.
     pub const MAX_SAMPLES: usize = 1 << 28;
 
-    fn expected(width: u32, height: u32) -> Result<usize, PictureError> {
+    fn expected(width: u32, height: u32) -> Result<usize, TextureError> {
         (width as usize)
             .checked_mul(height as usize)
             .and_then(|n| n.checked_mul(3))
             .filter(|&n| n > 0 && n <= Self::MAX_SAMPLES)
-            .ok_or(PictureError::Size(width, height))
+            .ok_or(TextureError::Size(width, height))
     }
 
     /// A picture with `maxval` at most 255.
     ///
     /// # Errors
     /// When size, number of samples or a sample's value do not fit.
-    pub fn from_bytes(width: u32, height: u32, maxval: u8, samples: Vec<u8>) -> Result<Self, PictureError> {
+    pub fn from_bytes(width: u32, height: u32, maxval: u8, samples: Vec<u8>) -> Result<Self, TextureError> {
         let expected = Self::expected(width, height)?;
         if samples.len() != expected {
-            return Err(PictureError::Length(samples.len(), expected));
+            return Err(TextureError::Length(samples.len(), expected));
         }
         if maxval == 0 || (maxval < u8::MAX && samples.iter().any(|&s| s > maxval)) {
-            return Err(PictureError::Range(maxval.into()));
+            return Err(TextureError::Range(maxval.into()));
         }
         Ok(Self { width, height, maxval: maxval.into(), samples: Samples::Byte(samples) })
     }
@@ -62,13 +62,13 @@ impl Picture {
     ///
     /// # Errors
     /// When size, number of samples or a sample's value do not fit.
-    pub fn from_words(width: u32, height: u32, maxval: u16, samples: Vec<u16>) -> Result<Self, PictureError> {
+    pub fn from_words(width: u32, height: u32, maxval: u16, samples: Vec<u16>) -> Result<Self, TextureError> {
         let expected = Self::expected(width, height)?;
         if samples.len() != expected {
-            return Err(PictureError::Length(samples.len(), expected));
+            return Err(TextureError::Length(samples.len(), expected));
         }
         if maxval < 256 || (maxval < u16::MAX && samples.iter().any(|&s| s > maxval)) {
-            return Err(PictureError::Range(maxval));
+            return Err(TextureError::Range(maxval));
         }
         Ok(Self { width, height, maxval, samples: Samples::Word(samples) })
     }

@@ -4,9 +4,9 @@
 //! known; so it does not matter how thin it is, nor what is seen there. Polygons may overlap: what lies in
 //! several counts for the first.
 
-use crate::beam::lens::{HALF, Linear, Pixels};
-
-use super::points::UNIT;
+use crate::beam::cover::Shape;
+use crate::beam::lens::{HALF, Pixels};
+use crate::trace::UNIT;
 
 /// Edges of a pixel that are looked at; where there are more, points meet them often enough.
 const EDGES: usize = 10;
@@ -24,16 +24,7 @@ const BALL_AMONG_OTHERS: f64 = 0.5;
 const ALONE: usize = 2;
 
 /// A place in a pixel: 0 to 1 from the left and from below.
-pub(crate) type Place = [f64; 2];
-
-/// Something that passes some pixels of a tile.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Shape {
-    /// The edge where this is 0.
-    Edge(Linear),
-    /// A ball's outline: its middle and two conjugate radii, in plane units.
-    Oval([f64; 2], [f64; 2], [f64; 2]),
-}
+pub(crate) type PixelPoint = [f64; 2];
 
 /// The shapes of a tile, with the pixels that they pass.
 pub(crate) type Shapes = Vec<(Pixels, Shape)>;
@@ -41,7 +32,7 @@ pub(crate) type Shapes = Vec<(Pixels, Shape)>;
 /// A convex polygon.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Polygon {
-    corners: Vec<Place>,
+    corners: Vec<PixelPoint>,
     /// Areas of the triangles from the first corner, added up.
     areas: Vec<f64>,
     ball: Option<Ball>,
@@ -64,7 +55,7 @@ impl Polygon {
     /// The part of it where a + b·x + c·y ≥ 0.
     fn clip(&self, [a, b, c]: [f64; 3]) -> Self {
         let n = self.corners.len();
-        let value = |p: &Place| a + b * p[0] + c * p[1];
+        let value = |p: &PixelPoint| a + b * p[0] + c * p[1];
         let mut corners = Vec::with_capacity(n + 1);
         for k in 0..n {
             let (p, q) = (self.corners[k], self.corners[(k + 1) % n]);
@@ -102,7 +93,7 @@ impl Polygon {
     }
 
     /// Where (u, v) of the unit square is, were it spread evenly over the polygon.
-    pub(crate) fn place(&self, [u, v]: Place) -> Place {
+    pub(crate) fn place(&self, [u, v]: PixelPoint) -> PixelPoint {
         let at = u * self.area();
         let k = self.areas.partition_point(|a| *a < at).min(self.areas.len().saturating_sub(1));
         let before = if k == 0 { 0.0 } else { self.areas[k - 1] };
@@ -114,7 +105,7 @@ impl Polygon {
         [o[0] + s * (p[0] - o[0]) + t * (q[0] - o[0]), o[1] + s * (p[1] - o[1]) + t * (q[1] - o[1])]
     }
 
-    pub(crate) fn contains(&self, p: Place) -> bool {
+    pub(crate) fn contains(&self, p: PixelPoint) -> bool {
         let n = self.corners.len();
         let mut turn = 0.0;
         for k in 0..n {
@@ -197,7 +188,7 @@ pub(crate) fn parts(shapes: &Shapes, index: u32, (x, y): (f64, f64)) -> Vec<Poly
 fn oval(middle: [f64; 2], p: [f64; 2], q: [f64; 2], (x, y): (f64, f64), alone: bool) -> Polygon {
     let unit = f64::from(UNIT);
     let long = 1.0 / libm::cos(std::f64::consts::PI / 8.0) * (1.0 + 1e-9);
-    let corners: Vec<Place> = (0..8)
+    let corners: Vec<PixelPoint> = (0..8)
         .map(|k| {
             // Eighths of a turn, without sines that differ between platforms.
             let h = std::f64::consts::FRAC_1_SQRT_2;
@@ -214,6 +205,7 @@ fn oval(middle: [f64; 2], p: [f64; 2], q: [f64; 2], (x, y): (f64, f64), alone: b
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::beam::lens::Linear;
 
     fn edge(a: f64, b: f64, c: f64) -> Shape {
         let unit = f64::from(UNIT);

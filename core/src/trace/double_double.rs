@@ -2,45 +2,50 @@
 //!
 //! Most of what f64 leaves open is clear in double-double, by the same tests. Small curved mirrors far from one another magnify errors by thousands each, so that after a
 //! few of them f64 has no digits left while decisions are still clear. The formulas of
-//! `trace::shade` then give the same place in double-double, at a fraction of what the court
+//! `trace::shade` then give the same place in double-double, at a fraction of what the refiner
 //! takes; what they cannot bound tightly enough goes there.
 
-use super::arbiter::Decision;
-use super::court::{Case, Refined};
-use super::shade::{self, Place};
-use crate::geometry::local::DoubleObject;
-use crate::geometry::{DoubleDouble, ObjectId, Ray, Real, Span, U, plane, sphere, triangle};
+use super::exact::Decision;
+use super::refine::{Case, Refined};
+use super::shade::{self, SurfaceInteraction};
+use crate::geometry::{DoubleDouble, Ray, Real, Span, U, plane, sphere, triangle};
+use crate::scene::ObjectId;
+use crate::scene::local::DoubleObject;
 
-/// Longer paths are left to the court, which remembers how far it has followed them.
+/// Longer paths are left to the refiner, which remembers how far it has followed them.
 const SHORT: usize = 8;
 
 /// A path as far as it was followed.
-pub(super) struct DoublePath {
+pub(super) struct DoubleDoublePath {
     /// Decisions followed, the last of them, and the ray after it.
     done: usize,
     from: Option<Decision>,
     ray: Ray<DoubleDouble>,
     /// What that ray is known to meet, and where.
-    met: Option<(Decision, Place<DoubleDouble>)>,
+    met: Option<(Decision, SurfaceInteraction<DoubleDouble>)>,
 }
 
-impl DoublePath {
+impl DoubleDoublePath {
     pub(super) fn new(case: &Case<'_>) -> Self {
         Self { done: 0, from: None, ray: case.tracer.frame.double_ray(case.point), met: None }
     }
 
     /// Where the path of `case`, which is this one, meets `met`, and the direction mirrored there: rounded, their
     /// bounds those of this path and of rounding.
-    pub(super) fn place(&mut self, case: &Case<'_>, met: Decision) -> Option<Refined> {
+    pub(super) fn interaction(&mut self, case: &Case<'_>, met: Decision) -> Option<Refined> {
         self.follow(case)?;
-        let place = self.meet(case, met)?;
-        let mirrored = shade::reflect(&self.ray, &place);
-        let p = place.p.to_f64();
+        let interaction = self.intersect(case, met)?;
+        let mirrored = shade::reflect(&self.ray, &interaction);
+        let p = interaction.p.to_f64();
         let bound = |e: DoubleDouble| e.hi * (1.0 + 1e-9);
-        let rounded =
-            Place { p, ep: bound(place.ep) + 2.0 * U * p.norm1(), n: place.n.to_f64(), en: bound(place.en) + 2.0 * U };
+        let rounded = SurfaceInteraction {
+            p,
+            ep: bound(interaction.ep) + 2.0 * U * p.norm1(),
+            n: interaction.n.to_f64(),
+            en: bound(interaction.en) + 2.0 * U,
+        };
         let turn = bound(mirrored.ed) + 2.0 * U;
-        Some(Refined { place: rounded, mirrored: mirrored.d.to_f64().to_dvec3(), turn, hit: None })
+        Some(Refined { interaction: rounded, mirrored: mirrored.d.to_f64().to_dvec3(), turn, hit: None })
     }
 
     /// Follows the trail to its end.
@@ -49,8 +54,8 @@ impl DoublePath {
             return None;
         }
         while let Some(&decision) = case.trail.get(self.done) {
-            let place = self.meet(case, decision)?;
-            self.ray = shade::reflect(&self.ray, &place);
+            let interaction = self.intersect(case, decision)?;
+            self.ray = shade::reflect(&self.ray, &interaction);
             self.from = Some(decision);
             self.met = None;
             self.done += 1;
@@ -89,10 +94,10 @@ impl DoublePath {
         candidates: &[ObjectId],
     ) -> Option<bool> {
         self.follow(case)?;
-        let place = self.meet(case, met)?;
+        let interaction = self.intersect(case, met)?;
         let prepared = &case.tracer.prepared;
         let light = prepared.local.double_light(&prepared.scene, light)?;
-        let ray = shade::towards(&place, light, light - place.p);
+        let ray = shade::towards(&interaction, light, light - interaction.p);
         let one = DoubleDouble::splat(1.0);
         let mut open = false;
         for &id in candidates {
@@ -105,15 +110,15 @@ impl DoublePath {
         (!open).then_some(false)
     }
 
-    fn meet(&mut self, case: &Case<'_>, decision: Decision) -> Option<Place<DoubleDouble>> {
-        if let Some((of, place)) = self.met
+    fn intersect(&mut self, case: &Case<'_>, decision: Decision) -> Option<SurfaceInteraction<DoubleDouble>> {
+        if let Some((of, interaction)) = self.met
             && of == decision
         {
-            return Some(place);
+            return Some(interaction);
         }
-        let place = meet(case, &self.ray, decision, self.from)?;
-        self.met = Some((decision, place));
-        Some(place)
+        let interaction = intersect(case, &self.ray, decision, self.from)?;
+        self.met = Some((decision, interaction));
+        Some(interaction)
     }
 }
 
@@ -135,12 +140,12 @@ fn test(
     })
 }
 
-fn meet(
+fn intersect(
     case: &Case<'_>,
     ray: &Ray<DoubleDouble>,
     decision: Decision,
     from: Option<Decision>,
-) -> Option<Place<DoubleDouble>> {
+) -> Option<SurfaceInteraction<DoubleDouble>> {
     let prepared = &case.tracer.prepared;
     let flag = |b: bool| DoubleDouble::splat(if b { 1.0 } else { 0.0 });
     Some(match prepared.local.double(&prepared.scene, decision.id)? {

@@ -1,13 +1,14 @@
 //! One ray against the whole scene in f64: what it surely meets, or the few objects among
-//! which the arbiter must choose.
+//! which exact arithmetic must choose.
 
-use super::arbiter::Decision;
 use super::coplanar::FlatPlane;
+use super::exact::Decision;
 use super::prepared::PreparedScene;
-use crate::bvh::{Boxes, Coordinate, Link, WIDTH, Wide};
-use crate::geometry::local::surface_and_order;
-use crate::geometry::{ObjectId, Ray, Scalar, Span, TINY, U, giant, plane, sphere, triangle};
+use crate::bvh::{Boxes, Bvh, Coordinate, Link, WIDTH};
+use crate::geometry::{Ray, Scalar, Span, TINY, U, giant, plane, sphere, triangle};
+use crate::scene::ObjectId;
 use crate::scene::SurfaceId;
+use crate::scene::local::surface_and_order;
 
 /// What is met first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +17,7 @@ pub(crate) enum Closest {
     Nothing,
     /// Surely this.
     Sure(Decision),
-    /// One of the candidates, or nothing: ask the arbiter.
+    /// One of the candidates, or nothing: ask exact arithmetic.
     Doubt,
 }
 
@@ -25,7 +26,7 @@ pub(crate) enum Closest {
 pub(crate) enum Occluded {
     No,
     Yes,
-    /// By one of the candidates, or not at all: ask the arbiter.
+    /// By one of the candidates, or not at all: ask exact arithmetic.
     Doubt,
 }
 
@@ -96,12 +97,12 @@ impl Slabs {
 impl PreparedScene {
     /// Where `ray`, which starts on `from`, may meet object `id`.
     fn test(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
-        let span = self.test_alone(ray, id, from)?;
+        let span = self.test_single(ray, id, from)?;
         let known = !span.sure && self.starts_in_plane(from, ray.starts_at_origin(), id);
         (!known).then_some(span)
     }
 
-    fn test_alone(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
+    fn test_single(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
         let own = from.filter(|f| f.id == id);
         let (planes, spheres) = (self.local.planes.len(), self.local.spheres.len());
         let i = id.0 as usize;
@@ -151,24 +152,24 @@ impl PreparedScene {
             }
         }
         match &self.boxes {
-            Boxes::Single(wide) => self.walk_boxes(wide, ray, from, bound, stack, visit),
-            Boxes::Double(wide) => self.walk_boxes(wide, ray, from, bound, stack, visit),
+            Boxes::F32(bvh) => self.walk_boxes(bvh, ray, from, bound, stack, visit),
+            Boxes::F64(bvh) => self.walk_boxes(bvh, ray, from, bound, stack, visit),
         }
     }
 
     fn walk_boxes<T: Coordinate>(
         &self,
-        wide: &Wide<T>,
+        bvh: &Bvh<T>,
         ray: &Ray,
         from: Option<Decision>,
         bound: &mut f64,
         stack: &mut Vec<(Link, f64)>,
         visit: &mut impl FnMut(ObjectId, Span, &mut f64) -> bool,
     ) -> bool {
-        if wide.nodes.is_empty() {
+        if bvh.nodes.is_empty() {
             return false;
         }
-        let slabs = Slabs::new(ray, wide.reach());
+        let slabs = Slabs::new(ray, bvh.reach());
         stack.clear();
         stack.push((Link::Inner(0), 0.0));
         while let Some((link, near)) = stack.pop() {
@@ -178,7 +179,7 @@ impl PreparedScene {
             match link {
                 Link::Nothing => {}
                 Link::Inner(index) => {
-                    let node = &wide.nodes[index];
+                    let node = &bvh.nodes[index];
                     let mark = stack.len();
                     for slot in 0..WIDTH {
                         let link = node.child[slot].link();
@@ -195,7 +196,7 @@ impl PreparedScene {
                     stack[mark..].sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
                 }
                 Link::Leaf { kind, start, count } => {
-                    for &id in &wide.ids[usize::from(kind)][start..start + count] {
+                    for &id in &bvh.ids[usize::from(kind)][start..start + count] {
                         let id = ObjectId(id);
                         if let Some(span) = self.test(ray, id, from)
                             && span.lo <= *bound

@@ -4,16 +4,16 @@
 //! guessed wrongly of its outcome. So rays that are alone go on side by side: all take one step,
 //! then it is seen where each of them stands.
 
+use super::intersect::{Intersection, Sphere, Triangle, intersect_sphere, intersect_triangle};
 use super::leaf::id;
-use super::meet::{Meeting, Sphere, Triangle, meet_sphere, meet_triangle};
 use super::walk::Journey;
 use super::{Doubt, INSIDE, NONE, Spot, Visit};
 use crate::bvh::{Child, Link, WIDTH};
-use crate::simd::{Floats, LANES, Mask, Octet, Simd, Single};
+use crate::simd::{F32x8, F32x16, Floats, LANES, Mask, Simd};
 
 /// Where rays that are alone stand, a lane each.
 #[derive(Default)]
-pub(super) struct Alone {
+pub(super) struct SingleRays {
     /// The lanes that are under way.
     pub(super) lanes: Mask,
     /// Those at leaves.
@@ -44,7 +44,7 @@ fn next(mask: &mut Mask) -> usize {
     lane
 }
 
-impl Alone {
+impl SingleRays {
     /// Lets the rays of `mask`, none of them alone yet, go on alone from `child`.
     #[inline(always)]
     pub(super) fn leave(&mut self, mut mask: Mask, child: Child) {
@@ -79,7 +79,7 @@ impl Alone {
 impl<S: Simd> Journey<'_, S> {
     /// Takes all rays that are alone through all that is left to them.
     #[inline(always)]
-    pub(super) fn alone<V: Visit<S>>(&mut self, alone: &mut Alone, visitor: &mut V, doubts: &mut Vec<Doubt>) {
+    pub(super) fn single<V: Visit<S>>(&mut self, alone: &mut SingleRays, visitor: &mut V, doubts: &mut Vec<Doubt>) {
         self.apart.fill(&self.rays);
         let mut bounds = [0.0; LANES];
         visitor.bound().store(&mut bounds);
@@ -101,7 +101,7 @@ impl<S: Simd> Journey<'_, S> {
                     continue;
                 }
                 let Link::Inner(index) = alone.at[lane].link() else { continue };
-                let (children, near) = (&self.wide.nodes[index].child, &alone.nears[lane]);
+                let (children, near) = (&self.bvh.nodes[index].child, &alone.nears[lane]);
                 // The nearest is kept in hand, the others wait.
                 let mut slot = hit.trailing_zeros() as usize & (WIDTH - 1);
                 let mut best = (near[slot], children[slot]);
@@ -146,16 +146,16 @@ impl<S: Simd> Journey<'_, S> {
 
     /// Where the ray of `lane` enters the boxes of an inner node, and which of them it meets.
     #[inline(always)]
-    fn boxes(&self, lane: usize, node: Child, bound: f32) -> (S::Octet, u8) {
-        let splat = S::Octet::splat;
+    fn boxes(&self, lane: usize, node: Child, bound: f32) -> (S::F32x8, u8) {
+        let splat = S::F32x8::splat;
         let (mut near, mut far) = (splat(0.0), splat(bound));
         let Link::Inner(index) = node.link() else { return (near, 0) };
-        let node = &self.wide.nodes[index];
+        let node = &self.bvh.nodes[index];
         let [inv, low, high] = self.apart.slabs(lane);
         for k in 0..3 {
             // Entered at the lower end and left at the upper, or the reverse.
-            let a = S::Octet::load(&node.lo[k]).fma(splat(inv[k]), splat(low[k]));
-            let b = S::Octet::load(&node.hi[k]).fma(splat(inv[k]), splat(high[k]));
+            let a = S::F32x8::load(&node.lo[k]).fma(splat(inv[k]), splat(low[k]));
+            let b = S::F32x8::load(&node.hi[k]).fma(splat(inv[k]), splat(high[k]));
             let (enter, leave) = if inv[k] >= 0.0 { (a, b) } else { (b, a) };
             near = near.max(enter);
             far = far.min(leave);
@@ -171,10 +171,10 @@ impl<S: Simd> Journey<'_, S> {
         let ray = self.apart.ray::<S>(self.packet, lane);
         let m = if kind == 0 {
             let leaf = self.filter.triangles.leaf(start, count);
-            meet_triangle(&ray, &Triangle::all(&leaf), all)
+            intersect_triangle(&ray, &Triangle::all(&leaf), all)
         } else {
             let leaf = self.filter.spheres.leaf(start, count);
-            let mut m = meet_sphere(&ray, &Sphere::all(&leaf), all);
+            let mut m = intersect_sphere(&ray, &Sphere::all(&leaf), all);
             let own = self.packet.own[lane];
             if own & INSIDE != 0 && own != NONE {
                 let mut within = 0;
@@ -183,7 +183,7 @@ impl<S: Simd> Journey<'_, S> {
                 }
                 m.may |= within;
                 m.sure &= !within;
-                m.lo = S::Octet::splat(0.0).select(within, m.lo);
+                m.lo = S::F32x8::splat(0.0).select(within, m.lo);
             }
             m
         };
@@ -209,9 +209,9 @@ impl<S: Simd> Journey<'_, S> {
                 continue;
             }
             let (sure, inside) = (Mask::from(met.sure >> i & 1) << lane, Mask::from(met.inside >> i & 1) << lane);
-            let (lo, hi) = (S::Single::splat(met.lo[i]), S::Single::splat(met.hi[i]));
+            let (lo, hi) = (S::F32x16::splat(met.lo[i]), S::F32x16::splat(met.hi[i]));
             let spot = Some(Spot { leaf, place: i });
-            visitor.visit(id, spot, Meeting { may: 1 << lane, sure, lo, hi, inside }, doubts);
+            visitor.visit(id, spot, Intersection { may: 1 << lane, sure, lo, hi, inside }, doubts);
         }
     }
 }

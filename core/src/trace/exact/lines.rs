@@ -103,14 +103,14 @@ pub(super) struct Crossing<const N: usize> {
 impl<const N: usize> Crossing<N> {
     /// `reach` bounds the places that `num` is the difference of, `length` the normal's terms.
     pub(super) fn new(ray: &ExactRay<N>, num: Big<N>, den: Big<N>, length: Bound, reach: Bound) -> Self {
-        let Slack { place, turn, rounding, .. } = ray.slack;
+        let Slack { position, turn, rounding, .. } = ray.slack;
         let den_terms = length * size(&ray.d);
         Self {
             num,
             den,
             num_terms: length * reach,
             den_terms,
-            num_error: length * (times(place, 4) + rounding * reach),
+            num_error: length * (times(position, 4) + rounding * reach),
             den_error: den_terms * (times(turn, 4) + rounding),
         }
     }
@@ -166,7 +166,7 @@ pub(super) struct Chord<const N: usize> {
 
 impl<const N: usize> Chord<N> {
     pub(super) fn new(ray: &ExactRay<N>, center: &Vector<N>, r: Big<N>) -> Self {
-        let Slack { lateral, place, turn, rounding } = ray.slack;
+        let Slack { lateral, position, turn, rounding } = ray.slack;
         let oc = ray.o - *center;
         let (a, b, rr) = (ray.d.dot(&ray.d), oc.dot(&ray.d), r * r);
         let oc2 = oc.dot(&oc);
@@ -192,8 +192,8 @@ impl<const N: usize> Chord<N> {
             disc_error: Bound::of(&a) * (times(lever * delta, 3) + times(delta * delta, 2)) + rounding * disc_terms,
             disc_terms,
             b_terms: away * speed,
-            b_error: times(speed * (place + away * (times(turn, 2) + rounding)), 2),
-            c_error: times(away * place, 3) + times(place * place, 2) + rounding * c_terms,
+            b_error: times(speed * (position + away * (times(turn, 2) + rounding)), 2),
+            c_error: times(away * position, 3) + times(position * position, 2) + rounding * c_terms,
             c_terms,
             a,
             b,

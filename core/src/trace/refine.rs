@@ -1,15 +1,16 @@
-//! One path before the arbiter: followed in wide arithmetic only as far as it was asked about.
+//! One path in exact arithmetic: followed in wide arithmetic only as far as it was asked about.
 
 use glam::{DVec2, DVec3};
 
-use super::arbiter::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::camera::PlanePoint;
-use super::double::DoublePath;
+use super::double_double::DoubleDoublePath;
+use super::exact::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::proof::{Point, Proof};
-use super::shade::Place;
+use super::shade::SurfaceInteraction;
 use super::{Tracer, texture};
-use crate::geometry::{ObjectId, U, V3};
+use crate::geometry::{U, V3};
 use crate::precise::Vector;
+use crate::scene::ObjectId;
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {
@@ -57,7 +58,7 @@ impl<const N: usize> ExactPath<N> {
         }
         Ok(match known {
             Some((_, hit)) => hit,
-            none => &none.insert((decision, arbiter::hit(&case.tracer.prepared, ray, decision)?)).1,
+            none => &none.insert((decision, exact::hit(&case.tracer.prepared, ray, decision)?)).1,
         })
     }
 
@@ -84,7 +85,7 @@ pub(crate) struct Case<'a> {
 /// A question about a path, put at one width.
 trait Question {
     type Answer;
-    /// By numbers and the bounds that the arbiter derives.
+    /// By numbers and the bounds that exact arithmetic derives.
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Self::Answer, Unsure>;
     /// By numbers that prove what is zero.
     fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Self::Answer, Unsure>;
@@ -96,7 +97,7 @@ struct Closest<'a>(&'a [ObjectId]);
 impl Question for Closest<'_> {
     type Answer = Option<Decision>;
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<Option<Decision>, Unsure> {
-        let found = arbiter::closest(&case.tracer.prepared, path.ray(case)?, self.0.iter().copied())?;
+        let found = exact::closest(&case.tracer.prepared, path.ray(case)?, self.0.iter().copied())?;
         Ok(found.map(|(decision, _)| decision))
     }
     fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Option<Decision>, Unsure> {
@@ -115,7 +116,7 @@ impl Question for Occluded<'_> {
     type Answer = bool;
     fn ask<const N: usize>(&self, case: &Case<'_>, path: &mut ExactPath<N>) -> Result<bool, Unsure> {
         let segment = path.hit(case, self.met)?.0.towards(self.light);
-        arbiter::occluded(&case.tracer.prepared, &segment, self.candidates.iter().copied())
+        exact::occluded(&case.tracer.prepared, &segment, self.candidates.iter().copied())
     }
     fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<bool, Unsure> {
         let objects: Vec<_> = self.candidates.iter().copied().chain([self.met.id]).collect();
@@ -166,8 +167,8 @@ impl Hit {
             None => DVec2::ZERO,
         };
         let mirrored = if self.mirrored { hit.mirrored(d)? } else { DVec3::ZERO };
-        let place = Place::rounded(V3::splat(p), V3::splat(n));
-        Ok(Refined { place, mirrored, turn: 4.0 * U, hit: Some(Values { cosines, uv }) })
+        let interaction = SurfaceInteraction::rounded(V3::splat(p), V3::splat(n));
+        Ok(Refined { interaction, mirrored, turn: 4.0 * U, hit: Some(Values { cosines, uv }) })
     }
 }
 
@@ -186,7 +187,7 @@ impl Question for Hit {
 
 /// A place that f64 alone would misplace.
 pub(crate) struct Refined {
-    pub(crate) place: Place,
+    pub(crate) interaction: SurfaceInteraction,
     /// The direction mirrored there, where it was asked for; rounded.
     pub(crate) mirrored: DVec3,
     /// Relative error of that direction.
@@ -202,8 +203,8 @@ const PROOFS: [(usize, usize); 4] = [(8, 4), (32, 12), (128, 6), (512, 3)];
 
 /// The path in double-double and at both widths, each as far as it was needed.
 #[derive(Default)]
-pub(crate) struct Court {
-    double: Option<DoublePath>,
+pub(crate) struct Refiner {
+    double: Option<DoubleDoublePath>,
     first: Option<ExactPath<FIRST>>,
     last: Option<Box<ExactPath<LAST>>>,
     /// From where the last width has used its digits up: any width is as good then.
@@ -211,7 +212,7 @@ pub(crate) struct Court {
     unresolved: bool,
 }
 
-impl Court {
+impl Refiner {
     /// Whether something was asked that even the last width could not tell.
     pub(crate) fn unresolved(&self) -> bool {
         self.unresolved
@@ -254,7 +255,7 @@ impl Court {
 
     /// Which of `candidates` the path meets next.
     pub(crate) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Decision> {
-        let double = self.double.get_or_insert_with(|| DoublePath::new(case));
+        let double = self.double.get_or_insert_with(|| DoubleDoublePath::new(case));
         if let Some(answer) = double.closest(case, candidates) {
             return answer;
         }
@@ -263,7 +264,7 @@ impl Court {
 
     /// Whether one of `candidates` stands between the point met and the `light`-th light.
     pub(crate) fn occluded(&mut self, case: &Case<'_>, met: Decision, light: usize, candidates: &[ObjectId]) -> bool {
-        let double = self.double.get_or_insert_with(|| DoublePath::new(case));
+        let double = self.double.get_or_insert_with(|| DoubleDoublePath::new(case));
         if let Some(answer) = double.occluded(case, met, light, candidates) {
             return answer;
         }
@@ -273,11 +274,17 @@ impl Court {
 
     /// The place met, as right as f64 can say it, and, where it is asked for, the direction mirrored
     /// there. `throughput` is what the path has left of the light.
-    pub(crate) fn place(&mut self, case: &Case<'_>, met: Decision, throughput: f64, mirrored: bool) -> Option<Refined> {
+    pub(crate) fn interaction(
+        &mut self,
+        case: &Case<'_>,
+        met: Decision,
+        throughput: f64,
+        mirrored: bool,
+    ) -> Option<Refined> {
         let tracer = case.tracer;
         if !tracer.is_pictured(met.id.0)
-            && let Some(refined) = self.double.get_or_insert_with(|| DoublePath::new(case)).place(case, met)
-            && !tracer.too_wide(&refined.place, throughput)
+            && let Some(refined) = self.double.get_or_insert_with(|| DoubleDoublePath::new(case)).interaction(case, met)
+            && !tracer.too_wide(&refined.interaction, throughput)
         {
             return Some(refined);
         }

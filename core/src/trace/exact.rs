@@ -25,11 +25,12 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use crate::geometry::local::{Kind, kind, surface_and_order};
-use crate::geometry::{Local, ObjectId, U};
+use crate::geometry::U;
 pub(crate) use crate::precise::Unsure;
 use crate::precise::{Big, Bound, Vector};
 use crate::scene::Scene;
+use crate::scene::local::{Kind, kind, surface_and_order};
+use crate::scene::{Local, ObjectId};
 use lines::{Chord, Crossing, ExactPlane, cross_triangle, times, triangle};
 pub(crate) use lines::{ExactPlanes, largest, size};
 
@@ -77,7 +78,7 @@ impl Decision {
 #[derive(Clone, Copy, Debug)]
 struct Slack {
     lateral: Bound,
-    place: Bound,
+    position: Bound,
     turn: Bound,
     /// What an operation adds; zero where numbers are taken as they are.
     rounding: Bound,
@@ -129,7 +130,7 @@ impl<const N: usize> ExactRay<N> {
     /// A ray from `o` along `d`, which is rounded.
     pub(crate) fn new(o: DVec3, d: Vector<N>) -> Self {
         let rounding = rounding::<N>();
-        let slack = Slack { lateral: Bound::ZERO, place: Bound::ZERO, turn: rounding, rounding };
+        let slack = Slack { lateral: Bound::ZERO, position: Bound::ZERO, turn: rounding, rounding };
         Self { o: Vector::new(o), d, from: None, slack }
     }
 
@@ -141,7 +142,7 @@ impl<const N: usize> ExactRay<N> {
     /// The same ray, its numbers taken as they are from here on.
     pub(crate) fn taken_as_it_is(self) -> Self {
         let none = Bound::ZERO;
-        Self { slack: Slack { lateral: none, place: none, turn: none, rounding: none }, ..self }
+        Self { slack: Slack { lateral: none, position: none, turn: none, rounding: none }, ..self }
     }
 }
 
@@ -157,7 +158,7 @@ fn sign<const N: usize>(x: &Big<N>, terms: Bound, error: Bound) -> Result<i32, U
 }
 
 /// Where `ray` first meets object `id` at t > 0, and whether that is a sphere's inner side.
-pub(crate) fn meet<const N: usize>(
+pub(crate) fn intersect<const N: usize>(
     prepared: &PreparedScene,
     ray: &ExactRay<N>,
     id: ObjectId,
@@ -173,7 +174,7 @@ pub(crate) fn meet<const N: usize>(
             let leans = crossing.leans()?;
             Ok((leans != 0 && crossing.ahead()? * leans > 0).then(|| (crossing.distance(rounding), false)))
         }
-        Kind::Triangle(i) => meet_triangle(ray, &triangle(scene, i)),
+        Kind::Triangle(i) => intersect_triangle(ray, &triangle(scene, i)),
         Kind::Sphere(i) => {
             let s = &scene.spheres()[i];
             let chord = Chord::new(ray, &Vector::new(s.center), Big::new(s.radius));
@@ -192,7 +193,7 @@ pub(crate) fn meet<const N: usize>(
     }
 }
 
-fn meet_triangle<const N: usize>(
+fn intersect_triangle<const N: usize>(
     ray: &ExactRay<N>,
     corners: &[Vector<N>; 3],
 ) -> Result<Option<(Distance<N>, bool)>, Unsure> {
@@ -232,7 +233,7 @@ pub(crate) fn closest<const N: usize>(
 ) -> Result<Option<(Decision, Distance<N>)>, Unsure> {
     let mut best: Option<(Decision, Distance<N>, u32)> = None;
     for id in candidates {
-        let Some((t, inside)) = meet(prepared, ray, id)? else { continue };
+        let Some((t, inside)) = intersect(prepared, ray, id)? else { continue };
         let order = surface_and_order(&prepared.scene, id).1;
         let nearer = match &best {
             None => true,
@@ -259,7 +260,7 @@ pub(crate) fn occluded<const N: usize>(
 ) -> Result<bool, Unsure> {
     let one = Distance { t: Big::new(1.0), error: Bound::ZERO };
     for id in candidates {
-        if let Some((t, _)) = meet(prepared, ray, id)?
+        if let Some((t, _)) = intersect(prepared, ray, id)?
             && t.compare(&one)? == Ordering::Less
         {
             return Ok(true);
@@ -284,11 +285,11 @@ pub(crate) fn hit<const N: usize>(
         // Across the line, and what its slant makes of that on the plane.
         let delta = times(lateral, 1) + way * times(turn, 2) + rounding * (way + start);
         let off = times(rounding * crossing.num_terms, 1);
-        let place = (times(crossing.den_terms, 2) * delta + off * size(&ray.d)).over(&crossing.den);
+        let position = (times(crossing.den_terms, 2) * delta + off * size(&ray.d)).over(&crossing.den);
         let lateral = delta + times(off.over(&along), 1);
         // A sliver's normal has lost what its sides have in common.
         let bend = times(rounding * crossing.den_terms, 1).over(&along).over(&ray.d.0[largest(&ray.d)]);
-        let slack = Slack { lateral, place, turn: turn + times(bend, 2), rounding };
+        let slack = Slack { lateral, position, turn: turn + times(bend, 2), rounding };
         let turned = crossing.den.signum() > 0;
         Ok(ExactHit { p: ray.o + ray.d * t, normal: n, back, turned, decision, slack, bend })
     };
@@ -307,7 +308,7 @@ pub(crate) fn hit<const N: usize>(
             let (c, r) = (Vector::new(s.center), Big::new(s.radius));
             let chord = Chord::new(ray, &c, r);
             let (t, sway) = if ray.from.is_some_and(|f| f.id == decision.id) {
-                (chord.other(rounding).t, times(chord.b_error, 1).over(&ray.d.0[largest(&ray.d)]) + ray.slack.place)
+                (chord.other(rounding).t, times(chord.b_error, 1).over(&ray.d.0[largest(&ray.d)]) + ray.slack.position)
             } else {
                 let root = chord.root_of_a_hit();
                 let sway = times(chord.delta, 1) + root.1.over(&ray.d.0[largest(&ray.d)]);
@@ -315,13 +316,13 @@ pub(crate) fn hit<const N: usize>(
             };
             let p = ray.o + ray.d * t;
             let (way, start) = travelled(&t);
-            let place = sway + rounding * (way + start + size(&c));
-            let bend = times(place, 1).over(&r);
+            let position = sway + rounding * (way + start + size(&c));
+            let bend = times(position, 1).over(&r);
             // The normal is a difference of places: it must keep digits beside them.
             if bend != Bound::ZERO && bend.exponent() > -VALUE {
                 return Err(Unsure);
             }
-            let slack = Slack { lateral: place, place, turn: turn + times(bend, 2) + rounding, rounding };
+            let slack = Slack { lateral: position, position, turn: turn + times(bend, 2) + rounding, rounding };
             let normal = p - c;
             let back = normal.dot(&ray.d).scale(1).over(r * r);
             Ok(ExactHit { p, normal, back, turned: decision.inside, decision, slack, bend })
@@ -333,19 +334,19 @@ impl<const N: usize> ExactHit<N> {
     /// A point that is off by `place` at most, its normal by the share `bend`.
     pub(crate) fn known(
         p: Vector<N>,
-        place: Bound,
+        position: Bound,
         (normal, bend): (Vector<N>, Bound),
         back: Big<N>,
         turned: bool,
         decision: Decision,
     ) -> Self {
-        let slack = Slack { lateral: place, place, turn: Bound::ZERO, rounding: rounding::<N>() };
+        let slack = Slack { lateral: position, position, turn: Bound::ZERO, rounding: rounding::<N>() };
         Self { p, normal, back, turned, decision, slack, bend }
     }
 
     /// How far the point may be from the real one.
     pub(crate) fn misplaced(&self) -> Bound {
-        self.slack.place
+        self.slack.position
     }
 
     /// The normal as it was found: of any length, outward or upward; and its relative error.
@@ -355,7 +356,7 @@ impl<const N: usize> ExactHit<N> {
 
     /// A difference from the point, if it keeps its digits.
     fn difference(&self, d: Vector<N>) -> Result<Vector<N>, Unsure> {
-        let error = self.slack.place;
+        let error = self.slack.position;
         let known = error == Bound::ZERO || error.exponent() <= size(&d).exponent().saturating_sub(VALUE);
         if known { Ok(d) } else { Err(Unsure) }
     }
@@ -374,9 +375,9 @@ impl<const N: usize> ExactHit<N> {
     /// The segment from here to `light`, a world point.
     pub(crate) fn towards(&self, light: DVec3) -> ExactRay<N> {
         let d = Vector::new(light) - self.p;
-        let Slack { place, rounding, .. } = self.slack;
-        let turn = times(place, 1).over(&d.0[largest(&d)]) + rounding;
-        let slack = Slack { lateral: place, place, turn, rounding };
+        let Slack { position, rounding, .. } = self.slack;
+        let turn = times(position, 1).over(&d.0[largest(&d)]) + rounding;
+        let slack = Slack { lateral: position, position, turn, rounding };
         ExactRay { o: self.p, d, from: Some(self.decision), slack }
     }
 
