@@ -17,6 +17,7 @@ pub mod generate;
 pub mod golden;
 pub mod hostile;
 pub mod journal;
+pub mod judge;
 pub mod network;
 pub mod oracle;
 pub mod peers;

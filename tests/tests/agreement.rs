@@ -10,6 +10,7 @@ use tessera_core::settings::{Sampling, Settings, Transfer, View};
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_tests::compare::{Image, difference, write_failure};
 use tessera_tests::generate::{self, Document};
+use tessera_tests::judge::judge;
 use tessera_tests::{peers, reference};
 
 fn settings(width: u32, height: u32, transfer: Transfer) -> Settings {
@@ -30,8 +31,7 @@ fn traced(scene: &Scene, settings: Settings) -> Image {
 
 /// POV-Ray's picture of the document, unless it is not installed.
 fn by_povray(scene: &Scene, settings: &Settings) -> Option<Image> {
-    if !peers::povray_installed() {
-        println!("skipped: povray is not installed");
+    if !judge("povray", &["--version"]) {
         return None;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::Value;
 use tempfile::{TempDir, tempdir};
 use tessera_core::film::file::read;
+use tessera_tests::judge::judge;
 use tessera_tests::program::{Ended, Running, coordinator, run, scene};
 
 /// Small, with mirrors, shadows and a picture, and quick at any accuracy.
@@ -172,8 +173,7 @@ fn what_can_be_known_to_fail_is_told_at_once() {
 
 #[test]
 fn povray_is_measured_beside_us() {
-    if !tessera_tests::peers::povray_installed() {
-        println!("skipped: povray is not installed");
+    if !judge("povray", &["--version"]) {
         return;
     }
     let at = tempdir().expect("a folder");

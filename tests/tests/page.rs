@@ -14,6 +14,7 @@ use chromiumoxide::page::ScreenshotParams;
 use chromiumoxide::{Browser, BrowserConfig, Page};
 use rustix::process::Signal;
 use serde_json::Value;
+use tessera_tests::judge::judge;
 use tessera_tests::process::Process;
 use tessera_tests::program::{Running, coordinator, run, scene};
 use tokio::time::timeout;
@@ -24,15 +25,9 @@ const NEVER: Duration = Duration::from_secs(120);
 /// How long one question to the browser may take: it may be lost where a page is just being loaded.
 const SOON: Duration = Duration::from_secs(20);
 
-/// Where Chromium is; where it is not, the test cannot judge.
+/// Chromium, where it is.
 fn chromium() -> Option<PathBuf> {
-    let found = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
-    let found = found.into_iter().map(PathBuf::from).find(|p| p.exists());
-    if found.is_none() {
-        assert!(std::env::var_os("REQUIRE_JUDGES").is_none(), "chromium is not installed");
-        println!("skipped: chromium is not installed");
-    }
-    found
+    judge("chromium", &["--version"]).then(|| "/usr/bin/chromium".into())
 }
 
 /// A browser with one page open.
