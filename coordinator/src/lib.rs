@@ -10,6 +10,8 @@ mod plan;
 pub mod povray;
 mod queue;
 mod scheduler;
+#[doc(hidden)]
+pub mod simulation;
 pub mod web;
 
 pub use farm::{Canvas, Farm, Film, OnDisk, Scratch, Strangers, Timing, render};

@@ -8,6 +8,7 @@
 pub mod callgrind;
 pub mod cluster;
 pub mod compare;
+pub mod costs;
 #[cfg(unix)]
 pub mod engine;
 pub mod exact;

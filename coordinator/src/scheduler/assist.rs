@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use tessera_proto::LeaseId;
 
+use super::crowd::Place;
 use super::worker::Worker;
 use super::{Effect, MAX_COPIES, SHORTEST, Scheduler, Tile, WorkerKey};
 
 /// Only what is overdue by this much more is taken to be overdue.
 const SLACK: Duration = Duration::from_millis(20);
-/// Pause between two looks, for each open lease: a look walks over all of them.
+/// Pause between two looks, for each open lease and each worker: a look walks over all of them.
 const LOOK_EVERY: Duration = Duration::from_micros(4);
 /// Tiles that each idle worker looks at.
 const LOOKED_AT: usize = 16;
@@ -36,18 +37,19 @@ impl Scheduler {
     /// When nothing is left to be cut, lets idle workers render what others will finish late: the latest first.
     pub(super) fn assist(&mut self, effects: &mut Vec<Effect>) {
         self.assist_at = None;
-        let idle: Vec<WorkerKey> = if self.cutter.pixels_left() > 0 || self.open.is_empty() {
-            return;
-        } else {
-            let free = self.room.iter().take_while(|(leases, _, _)| *leases == 0).map(|(_, _, worker)| *worker);
-            free.filter(|worker| self.workers.get(worker).is_some_and(|w| !w.is_occupied())).collect()
-        };
-        if idle.is_empty() {
+        let is_free = |&&(leases, _, _): &&Place| leases == 0;
+        if self.cutter.pixels_left() > 0 || self.open.is_empty() || self.room.first().filter(is_free).is_none() {
             return;
         }
-        let next = self.assisted + LOOK_EVERY * self.open.len() as u32;
+        let next = self.assisted + LOOK_EVERY * (self.open.len() + self.workers.len()) as u32;
         if self.now < next && self.assisted > Duration::ZERO {
             self.assist_at = Some(next);
+            return;
+        }
+        let free = self.room.iter().take_while(is_free).map(|(_, _, worker)| *worker);
+        let idle: Vec<WorkerKey> =
+            free.filter(|worker| self.workers.get(worker).is_some_and(|w| !w.is_occupied())).collect();
+        if idle.is_empty() {
             return;
         }
         self.assisted = self.now;

@@ -78,6 +78,7 @@ use blame::{Loss, Strike};
 use crowd::{Crowd, Place};
 use cutter::Cutter;
 pub(crate) use message::{Config, CutOff, Effect, End, Event, WorkerKey};
+pub(crate) use worker::running;
 use worker::{Delivery, Phase, Worker};
 
 /// The most of a worker's time that one tile should take, in a small crowd.
@@ -249,6 +250,11 @@ impl Scheduler {
     /// Whether nothing is left to be cut: whoever has nothing to do will hardly get anything in this pass.
     pub(crate) fn is_running_out(&self) -> bool {
         self.cutter.pixels_left() == 0 && self.wanted.is_empty()
+    }
+
+    /// Whether somebody has room for a lease while there is something to be cut: never, once an event was handled.
+    pub(crate) fn leaves_work_lying(&self) -> bool {
+        self.cutter.pixels_left() > 0 && !self.room.is_empty()
     }
 
     /// Leaves it to its owner to say when a pass is complete: what is done may have to be done again.

@@ -9,6 +9,9 @@ use super::MAX_DEPTH;
 use super::crowd::{Place, Share};
 use super::line::Line;
 
+/// How much what was measured before the latest tile counts beside it.
+const MEMORY: f64 = 0.75;
+
 /// Where a worker is in its life; see the scheduler's drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
@@ -52,8 +55,10 @@ pub(super) struct Worker {
     pub(super) running: usize,
     /// Leases it should hold, so that it never waits for the next.
     pub(super) depth: usize,
-    /// Pixels a second, once measured.
+    /// Pixels a second, once measured: over its last few tiles.
     pub(super) rate: Option<f64>,
+    /// Over how many seconds that was measured.
+    pub(super) measured: f64,
     /// The least that `rate` would have been by one tile alone.
     pub(super) slowest: Option<f64>,
     /// Time it said it spent on tiles.
@@ -85,6 +90,7 @@ impl Worker {
             running,
             depth: running + 1,
             rate: None,
+            measured: 0.0,
             slowest: None,
             busy: Duration::ZERO,
             last_answer: now,
@@ -119,13 +125,16 @@ impl Worker {
     /// not for want of work.
     pub(super) fn delivered(&mut self, d: Delivery, was_full: bool, now: Duration) {
         let rate = d.area as f64 / d.busy.as_secs_f64().max(1e-6);
-        // Neighbouring tiles are alike, but one cheap tile should not set the size of all.
         let measured_before = self.rate.is_some();
         // The first tile warms up memory and tells little.
         if measured_before {
             self.slowest = Some(self.slowest.map_or(rate, |old| old.min(rate)));
         }
-        self.rate = Some(self.rate.map_or(rate, |old| (old * rate).sqrt()));
+        // By the time it was at work rather than tile by tile: of two that it rendered at once, the second to end took
+        // next to no time of its own.
+        let before = self.rate.map_or(0.0, |_| MEMORY * self.measured);
+        self.measured = before + d.busy.as_secs_f64().max(1e-6);
+        self.rate = Some((self.rate.unwrap_or(0.0) * before + d.area as f64) / self.measured);
         // What it rendered meanwhile was not spent on the way.
         let rendering = self.busy.saturating_sub(d.busy_before);
         let lag = now.saturating_sub(d.granted).saturating_sub(rendering);
@@ -140,6 +149,6 @@ impl Worker {
 
 /// How many leases a worker of `threads` threads renders at once: two where many threads could
 /// stand still while the last ones finish a tile.
-pub(super) fn running(threads: u32) -> usize {
+pub(crate) fn running(threads: u32) -> usize {
     if threads > 1 { 2 } else { 1 }
 }

@@ -73,7 +73,7 @@ impl World {
 
     fn admit(&mut self, session: usize) {
         let number = self.sessions[session].worker;
-        let (instance, threads) = (self.workers[number].instance, self.workers[number].threads);
+        let (instance, threads) = (self.workers[number].instance, self.workers[number].renderer.threads);
         let before = self.seats.iter().find(|(_, s)| self.workers[self.sessions[**s].worker].instance == instance);
         if let Some(before) = before.map(|(key, _)| *key) {
             self.left(before, "it dialled again");

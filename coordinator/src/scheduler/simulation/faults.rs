@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use super::network::Quality;
 use super::verification::id_of;
 use super::worker::FOR_EVER;
 use super::world::{What, World};
+use crate::simulation::network::Quality;
 
 /// Faults happen before this.
 pub(super) const FAULTY: f64 = 15.0;
@@ -120,7 +120,7 @@ impl World {
                     self.lost(worker);
                 }
             }
-            Fault::Slow { worker, times } => self.workers[worker].speed /= times,
+            Fault::Slow { worker, times } => self.workers[worker].renderer.speed /= times,
             Fault::Drain { worker, again } => {
                 self.drain(worker);
                 self.at(self.now + again + Duration::from_secs(2), What::Start { worker });

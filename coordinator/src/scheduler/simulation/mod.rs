@@ -7,7 +7,6 @@
 
 mod coordinator;
 mod faults;
-mod network;
 mod picture;
 mod session;
 mod verification;

@@ -9,7 +9,7 @@ use tessera_proto::identity::WorkerId;
 use tessera_proto::{Attempt, LeaseId};
 
 use super::super::WorkerKey;
-use super::network::{Quality, Way};
+use crate::simulation::network::{Quality, Way};
 
 /// What a worker says.
 #[derive(Clone, Debug)]

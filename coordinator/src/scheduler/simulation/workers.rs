@@ -29,7 +29,7 @@ impl World {
         let w = &mut self.workers[worker];
         w.session = Some(session);
         w.last_reply = self.now;
-        w.last_end = self.now;
+        w.renderer.last_end = self.now;
         self.say(worker, Up::Register, 200);
         self.at(self.now + 2 * DEAD, What::Beat { worker, epoch });
     }
@@ -68,14 +68,11 @@ impl World {
             }
             Down::Lease(lease) if self.workers[worker].draining => self.give_back(worker, &lease),
             Down::Lease(lease) => {
-                self.workers[worker].queue.push_back(lease);
+                self.workers[worker].renderer.queue.push_back(lease);
                 self.begin(worker);
             }
             Down::Revoke(id) => {
-                let queue = &mut self.workers[worker].queue;
-                if let Some(at) = queue.iter().position(|l| l.id == id)
-                    && let Some(lease) = queue.remove(at)
-                {
+                if let Some(lease) = self.workers[worker].renderer.revoke(id) {
                     self.give_back(worker, &lease);
                 }
             }
@@ -90,14 +87,14 @@ impl World {
 
     pub(super) fn begin(&mut self, worker: usize) {
         let now = self.now;
-        while let Some((lease, time)) = self.workers[worker].begin(now, |l| self.picture.cost(&l.region)) {
+        while let Some((lease, time)) = self.workers[worker].renderer.begin(now, |l| self.picture.cost(&l.region)) {
             let epoch = self.workers[worker].epoch;
             self.at(now + time, What::Rendered { worker, epoch, lease });
         }
     }
 
     pub(super) fn rendered(&mut self, worker: usize, id: LeaseId) {
-        let Some((lease, busy, idle)) = self.workers[worker].finish(id, self.now) else { return };
+        let Some((lease, busy, idle)) = self.workers[worker].renderer.finish(id, self.now) else { return };
         let (attempt, shows) = (lease.attempt, lease.region);
         match self.picture.curse(&shows) {
             Some(Curse::Kills) => return self.kill(worker, Some(Duration::from_secs(1))),
@@ -123,16 +120,16 @@ impl World {
         let Some(session) = self.workers[worker].session else { return };
         // A thread waits where the network does not take its tile.
         let room = self.sessions[session].up.room_at();
-        self.workers[worker].sending += 1;
+        self.workers[worker].renderer.sending += 1;
         self.at(room, What::Taken { worker, epoch });
-        if self.workers[worker].draining && self.workers[worker].at_work.is_empty() {
+        if self.workers[worker].draining && self.workers[worker].renderer.at_work.is_empty() {
             self.leave(worker);
         }
     }
 
     pub(super) fn taken(&mut self, worker: usize) {
-        let w = &mut self.workers[worker];
-        (w.sending, w.last_sent) = (w.sending - 1, self.now);
+        let r = &mut self.workers[worker].renderer;
+        (r.sending, r.last_sent) = (r.sending - 1, self.now);
         self.begin(worker);
     }
 
@@ -183,7 +180,7 @@ impl World {
         self.close(worker);
         let (threads, speed, quality) = {
             let w = &self.workers[worker];
-            (w.threads, w.speed, w.quality)
+            (w.renderer.threads, w.renderer.speed, w.quality)
         };
         let (epoch, instance) = (self.workers[worker].epoch, InstanceId(self.rng.u64(..)));
         self.workers[worker] =
@@ -200,10 +197,10 @@ impl World {
         }
         self.workers[worker].draining = true;
         self.say(worker, Up::Draining, 20);
-        for lease in std::mem::take(&mut self.workers[worker].queue) {
+        for lease in std::mem::take(&mut self.workers[worker].renderer.queue) {
             self.give_back(worker, &lease);
         }
-        if self.workers[worker].at_work.is_empty() {
+        if self.workers[worker].renderer.at_work.is_empty() {
             self.leave(worker);
         }
     }

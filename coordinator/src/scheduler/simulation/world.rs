@@ -10,12 +10,12 @@ use tessera_proto::{InstanceId, JobNumber, LeaseId};
 
 use super::super::{Config, End, Event, Scheduler, WorkerKey};
 use super::faults::{self, FAULTY, Fault};
-use super::network::Quality;
 use super::picture::{Curse, Picture};
 use super::session::{Down, Session, Up};
 use super::worker::SimWorker;
 use crate::farm::verify::Verify;
 use crate::job::{Patience, TileSize};
+use crate::simulation::network::Quality;
 
 pub(super) const BEAT: Duration = Duration::from_millis(500);
 pub(super) const DEAD: Duration = Duration::from_secs(5);

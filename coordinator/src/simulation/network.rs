@@ -5,17 +5,18 @@ use std::time::Duration;
 
 /// What a line is like.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Quality {
+pub(crate) struct Quality {
     /// One way.
-    pub(super) delay: Duration,
-    pub(super) bytes_per_second: f64,
+    pub(crate) delay: Duration,
+    pub(crate) bytes_per_second: f64,
     /// The share of messages that are sent a second time.
-    pub(super) loss: f64,
+    pub(crate) loss: f64,
 }
 
+#[cfg(test)]
 impl Quality {
     /// A local network, an ocean, or a line of 1 Mbit/s.
-    pub(super) fn any(rng: &mut fastrand::Rng) -> Self {
+    pub(crate) fn any(rng: &mut fastrand::Rng) -> Self {
         let ms = |ms: f64| Duration::from_secs_f64(ms / 1e3);
         match rng.u32(0..10) {
             0..6 => Self { delay: ms(0.2), bytes_per_second: 1.2e8, loss: 0.0 },
@@ -27,7 +28,7 @@ impl Quality {
 
 /// One way of a connection.
 #[derive(Debug)]
-pub(super) struct Way<M> {
+pub(crate) struct Way<M> {
     quality: Quality,
     /// When what was sent before is through.
     free_at: Duration,
@@ -39,12 +40,12 @@ pub(super) struct Way<M> {
 }
 
 impl<M> Way<M> {
-    pub(super) fn new(quality: Quality) -> Self {
+    pub(crate) fn new(quality: Quality) -> Self {
         Self { quality, free_at: Duration::ZERO, last: Duration::ZERO, blocked: false, waiting: Vec::new() }
     }
 
     /// Sends: gives when the message begins to arrive and when it is there, or nothing where it has to wait.
-    pub(super) fn send(
+    pub(crate) fn send(
         &mut self,
         message: M,
         bytes: usize,
@@ -64,13 +65,13 @@ impl<M> Way<M> {
     }
 
     /// Stops everything, or lets it pass again; gives what waited.
-    pub(super) fn block(&mut self, blocked: bool) -> Vec<(M, usize)> {
+    pub(crate) fn block(&mut self, blocked: bool) -> Vec<(M, usize)> {
         self.blocked = blocked;
         if blocked { Vec::new() } else { std::mem::take(&mut self.waiting) }
     }
 
     /// When no more than a socket's buffer waits to be sent.
-    pub(super) fn room_at(&self) -> Duration {
+    pub(crate) fn room_at(&self) -> Duration {
         const BUFFER: f64 = 262_144.0;
         self.free_at.saturating_sub(Duration::from_secs_f64(BUFFER / self.quality.bytes_per_second))
     }
