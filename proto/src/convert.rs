@@ -164,6 +164,7 @@ impl From<Job> for wire::Job {
             settings: Some(job.settings.into()),
             pixels: wire::PixelFormat::from(job.pixels).into(),
             job: job.number.0,
+            traceparent: String::new(),
         }
     }
 }
@@ -319,6 +320,7 @@ impl From<Lease> for wire::Lease {
             }),
             audit_rate: l.pass.map_or(0, |pass| pass.audit.0),
             pack: false,
+            span: 0,
         }
     }
 }

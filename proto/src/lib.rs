@@ -15,10 +15,12 @@ mod pixels;
 pub mod plausible;
 pub mod scene;
 pub mod token;
+mod trace_context;
 
 pub use ids::{Attempt, InstanceId, JobNumber, LeaseId, PassNumber, SceneHash, SessionId};
 pub use layers::layers_at;
 pub use pixels::{PixelFormat, Pixels};
+pub use trace_context::TraceContext;
 
 /// What is generated from `farm.proto`, documented there.
 #[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated; farm.proto is its documentation")]
