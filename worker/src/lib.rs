@@ -11,9 +11,11 @@ mod cache;
 mod error;
 mod heart;
 mod memory;
+pub mod otlp;
 mod prepare;
 mod render;
 mod session;
+pub mod spans;
 mod studio;
 
 use std::sync::Arc;

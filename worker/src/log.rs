@@ -3,10 +3,14 @@
 use std::io::{IsTerminal, Write, stderr};
 
 use tessera_proto::layers_at;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer};
+use worker::otlp::Otlp;
+use worker::spans::unspoken;
 
-/// Starts logging; `RUST_LOG` overrides `verbose`.
-pub(crate) fn start(verbose: u8) {
+/// Starts logging, and the export of spans; `RUST_LOG` overrides `verbose`.
+pub(crate) fn start(verbose: u8, otlp: Option<&Otlp>) {
     // Other people's layers speak for themselves only where everything is asked for.
     let level = match verbose {
         0 => format!("warn,worker=info,{}", layers_at("error")),
@@ -19,12 +23,12 @@ pub(crate) fn start(verbose: u8) {
         _ => EnvFilter::new(level),
     };
     let unwanted = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let said = tracing_subscriber::fmt::layer()
         .with_writer(|| Deaf)
         .with_ansi(stderr().is_terminal() && !unwanted)
         .with_target(verbose > 1)
-        .init();
+        .with_filter(unspoken(filter));
+    tracing_subscriber::registry().with(said).with(otlp.map(Otlp::layer)).init();
 }
 
 /// A line outside the log.

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use clap::{ArgAction, ArgGroup, Parser};
 use tokio_util::sync::CancellationToken;
+use worker::otlp::{Collector, Otlp};
 use worker::{Access, AccessError, Address, Bytes, Config, Left, PkiFiles, WorkerError};
 
 const EXAMPLES: &str = "\
@@ -96,6 +97,10 @@ struct Args {
     #[arg(long, value_name = "D", value_parser = duration, requires = "lifetime")]
     lifetime_stagger: Option<Duration>,
 
+    /// Send spans of what is rendered to an OpenTelemetry collector, as OTLP over gRPC: http://HOST[:PORT], port 4317 where none is given.
+    #[arg(long, value_name = "URL")]
+    otlp: Option<Collector>,
+
     /// Say more: -v steps, -vv details, -vvv everything. RUST_LOG overrides it.
     #[arg(short, long, action = ArgAction::Count)]
     verbose: u8,
@@ -115,7 +120,15 @@ fn main() -> ExitCode {
             });
         }
     };
-    log::start(args.verbose);
+    // Ends last, so that all spans are sent.
+    let otlp = match args.otlp.as_ref().map(|to| Otlp::start(to, "worker")).transpose() {
+        Ok(otlp) => otlp,
+        Err(e) => {
+            log::say(&format!("worker: cannot start: {e}"));
+            return ExitCode::FAILURE;
+        }
+    };
+    log::start(args.verbose, otlp.as_ref());
     match run(args) {
         Ok(code) => code,
         Err(e) => {

@@ -10,14 +10,16 @@ use tessera_core::scene::Scene;
 use tessera_core::trace::PreparedScene;
 use tessera_proto::convert::Job;
 use tessera_proto::scene::SceneDecoder;
-use tessera_proto::{JobNumber, SceneHash, SessionId, wire};
+use tessera_proto::{JobNumber, SceneHash, SessionId, TraceContext, wire};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
-use tonic::Code;
+use tonic::{Code, Request};
+use tracing::info_span;
 
 use crate::memory::{prepared_bytes, too_large};
 use crate::render::JobTracer;
 use crate::session::{Client, Outcome, Session};
+use crate::spans::{SPANS, context_of, under};
 use crate::studio::TileTracer;
 
 /// How long a piece of the scene may take to come.
@@ -49,14 +51,19 @@ impl From<Outcome> for NoTracer {
 }
 
 impl Session {
-    /// Makes `job` ready, with whatever `client` can fetch for `session`.
+    /// Makes `job` ready, with whatever `client` can fetch for `session`; its spans are under `trace`.
     ///
     /// # Errors
     /// When the session cannot go on.
-    pub(crate) async fn prepare(&self, job: Job, client: Client, session: SessionId) -> Result<Prepared, Outcome> {
-        match self.tracer(&job, client, session).await {
+    pub(crate) async fn prepare(
+        &self,
+        (job, trace): (Job, Option<TraceContext>),
+        client: Client,
+        session: SessionId,
+    ) -> Result<Prepared, Outcome> {
+        match self.tracer((&job, trace), client, session).await {
             Ok(tracer) => {
-                let job_tracer = JobTracer { tracer, format: job.pixels, transfer: job.settings.transfer };
+                let job_tracer = JobTracer { tracer, format: job.pixels, transfer: job.settings.transfer, trace };
                 Ok(Prepared::Ready(job.number, job_tracer))
             }
             Err(NoTracer::Unable(cause)) => Ok(Prepared::Unable(job.number, cause)),
@@ -65,7 +72,12 @@ impl Session {
         }
     }
 
-    async fn tracer(&self, job: &Job, client: Client, session: SessionId) -> Result<Arc<dyn TileTracer>, NoTracer> {
+    async fn tracer(
+        &self,
+        (job, trace): (&Job, Option<TraceContext>),
+        client: Client,
+        session: SessionId,
+    ) -> Result<Arc<dyn TileTracer>, NoTracer> {
         let Some((hash, bytes)) = job.scene else {
             let local = self.config.local.as_ref().ok_or_else(|| Outcome::Lost("there is no scene".into()))?;
             return Ok(local.tracer().await.ok_or(Outcome::Stopped)?);
@@ -84,7 +96,8 @@ impl Session {
                 }
                 self.cache.make_room(prepared_bytes(bytes));
                 tracing::info!("fetching scene {hash}, {bytes} bytes");
-                let scene = Arc::new(fetch(client, session, (hash, bytes)).await?);
+                let scene = Arc::new(fetch(client, session, (hash, bytes), trace).await?);
+                let _span = under(info_span!(target: SPANS, parent: None, "prepare scene"), trace);
                 let prepared = Arc::new(self.on_pool(move || PreparedScene::build(scene)).await?);
                 self.cache.put(hash, prepared_bytes(bytes), prepared.clone());
                 prepared
@@ -109,9 +122,18 @@ impl Session {
 }
 
 /// Fetches a scene and holds it against its hash.
-async fn fetch(mut client: Client, session: SessionId, (hash, bytes): (SceneHash, u64)) -> Result<Scene, NoTracer> {
+async fn fetch(
+    mut client: Client,
+    session: SessionId,
+    (hash, bytes): (SceneHash, u64),
+    trace: Option<TraceContext>,
+) -> Result<Scene, NoTracer> {
     let bad = |e: &dyn std::fmt::Display| Outcome::Lost(format!("the scene that came is not sound: {e}"));
-    let request = wire::SceneRequest { session: session.0, scene_sha256: hash.0.to_vec() };
+    let mut request = Request::new(wire::SceneRequest { session: session.0, scene_sha256: hash.0.to_vec() });
+    let span = under(info_span!(target: SPANS, parent: None, "receive scene", bytes), trace);
+    if let Some(context) = context_of(&span) {
+        context.put(request.metadata_mut());
+    }
     let mut pieces = match client.fetch_scene(request).await {
         Ok(pieces) => pieces.into_inner(),
         Err(status) if status.code() == Code::NotFound => return Err(NoTracer::Over),

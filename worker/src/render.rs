@@ -14,9 +14,12 @@ use tessera_proto::convert::{Lease, TileDone, pixel_bytes};
 use tessera_proto::limits::MAX_LEASES;
 use tessera_proto::packed::pack;
 use tessera_proto::wire::{self, WorkerMessage, worker_message::Kind};
-use tessera_proto::{LeaseId, PixelFormat, Pixels};
+use tessera_proto::{LeaseId, PixelFormat, Pixels, TraceContext};
 use tokio::sync::mpsc;
+use tracing::field::Empty;
+use tracing::{Span, info_span};
 
+use crate::spans::{SPANS, under};
 use crate::studio::TileTracer;
 
 /// What renders a job's tiles, and how they travel.
@@ -24,6 +27,21 @@ pub(crate) struct JobTracer {
     pub(crate) tracer: Arc<dyn TileTracer>,
     pub(crate) format: PixelFormat,
     pub(crate) transfer: Transfer,
+    /// What spans of its tiles are under that have no lease's.
+    pub(crate) trace: Option<TraceContext>,
+}
+
+impl JobTracer {
+    /// The span of a tile, under that of its lease where that has one.
+    fn span(&self, lease: &Lease, of_lease: u64) -> Span {
+        let r = lease.region;
+        let span = info_span!(
+            target: SPANS, parent: None, "trace tile",
+            region = format_args!("{},{},{},{}", r.x0, r.y0, r.x1, r.y1), outcome = Empty, rays = Empty,
+        );
+        let parent = self.trace.map(|t| if of_lease == 0 { t } else { TraceContext { span: of_lease, ..t } });
+        under(span, parent)
+    }
 }
 
 /// Renders one session's leases, oldest first, on a rayon pool.
@@ -50,10 +68,17 @@ struct Inner {
     desk: Mutex<Desk>,
 }
 
+/// A lease that was not begun, and the span of it where it has one, else 0.
+struct Queued {
+    lease: Lease,
+    span: u64,
+    job: Arc<JobTracer>,
+}
+
 struct Desk {
     /// What renders the leases that come; `None` while no job is ready.
     job: Option<Arc<JobTracer>>,
-    queue: VecDeque<(Lease, Arc<JobTracer>)>,
+    queue: VecDeque<Queued>,
     running: usize,
     /// Those that are rendered now, and whether they are not wanted any more.
     at_work: Vec<(Lease, Arc<AtomicBool>)>,
@@ -95,14 +120,14 @@ impl Foreman {
             desk.last_end = Instant::now();
         }
         desk.job = job.map(Arc::new);
-        desk.queue.drain(..).map(|(lease, _)| lease).collect()
+        desk.queue.drain(..).map(|queued| queued.lease).collect()
     }
 
-    /// Adds a lease to the queue; false where that holds too many, or no job is ready.
-    pub(crate) fn take(&self, lease: Lease) -> bool {
+    /// Adds a lease, and its span or 0, to the queue; false where that holds too many, or no job is ready.
+    pub(crate) fn take(&self, lease: Lease, span: u64) -> bool {
         let mut desk = self.0.desk();
         let Some(job) = desk.job.clone().filter(|_| desk.queue.len() < MAX_LEASES) else { return false };
-        desk.queue.push_back((lease, job));
+        desk.queue.push_back(Queued { lease, span, job });
         if desk.running < self.0.at_once {
             desk.running += 1;
             let inner = self.0.clone();
@@ -127,13 +152,13 @@ impl Foreman {
             unwanted.store(true, Ordering::Relaxed);
             return None;
         }
-        let at = desk.queue.iter().position(|(l, _)| l.id == lease)?;
-        desk.queue.remove(at).map(|(lease, _)| lease)
+        let at = desk.queue.iter().position(|queued| queued.lease.id == lease)?;
+        desk.queue.remove(at).map(|queued| queued.lease)
     }
 
     /// Takes everything off the queue.
     pub(crate) fn clear(&self) -> Vec<Lease> {
-        self.0.desk().queue.drain(..).map(|(lease, _)| lease).collect()
+        self.0.desk().queue.drain(..).map(|queued| queued.lease).collect()
     }
 
     /// Whether nothing is being rendered or delivered.
@@ -151,25 +176,30 @@ impl Inner {
     fn run(&self) {
         loop {
             let unwanted = Arc::new(AtomicBool::new(false));
-            let (lease, job, start, idle) = {
+            let (Queued { lease, span, job }, start, idle) = {
                 let mut desk = self.desk();
-                let Some((lease, job)) = desk.queue.pop_front().filter(|_| !self.out.is_closed()) else {
+                let Some(queued) = desk.queue.pop_front().filter(|_| !self.out.is_closed()) else {
                     desk.running -= 1;
                     return;
                 };
                 let start = Instant::now();
-                desk.at_work.push((lease, Arc::clone(&unwanted)));
+                desk.at_work.push((queued.lease, Arc::clone(&unwanted)));
                 let before = desk.last_end.max(desk.last_sent).min(start);
                 let idle = if desk.running == 1 { start - before } else { Duration::ZERO };
-                (lease, job, start, idle)
+                (queued, start, idle)
             };
+            let span = job.span(&lease, span);
             let rendered = render(&job, &lease, &unwanted);
             let is_unwanted = || unwanted.load(Ordering::Relaxed);
             let (id, attempt) = (lease.id.0, lease.attempt.0);
             let kind = match rendered {
                 // What it came to says nothing, whatever it is.
-                _ if is_unwanted() => Kind::LeaseReturned(wire::LeaseReturned { lease: id, attempt }),
+                _ if is_unwanted() => {
+                    span.record("outcome", "unwanted");
+                    Kind::LeaseReturned(wire::LeaseReturned { lease: id, attempt })
+                }
                 Ok((pixels, error, rays)) => {
+                    span.record("outcome", "done").record("rays", rays.total());
                     let pixels = pixel_bytes(&pixels);
                     let mut desk = self.desk();
                     let end = Instant::now();
@@ -179,8 +209,13 @@ impl Inner {
                     let done = TileDone { lease: lease.id, attempt: lease.attempt, pixels, error, rays, busy, idle };
                     Kind::TileDone(self.packed(done.into(), job.format))
                 }
-                Err(cause) => Kind::TileFailed(wire::TileFailed { lease: id, attempt, cause }),
+                Err(cause) => {
+                    span.record("outcome", "failed");
+                    Kind::TileFailed(wire::TileFailed { lease: id, attempt, cause })
+                }
             };
+            // Before whoever waits for the tile hears of it.
+            drop(span);
             let mut desk = self.desk();
             desk.at_work.retain(|(l, _)| l.id != lease.id);
             desk.last_end = Instant::now();
@@ -271,11 +306,11 @@ mod tests {
         let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
         let (out, mut delivered) = mpsc::channel(1);
         let foreman = Foreman::new(pool, out);
-        assert!(!foreman.take(lease(0)), "no job is ready");
+        assert!(!foreman.take(lease(0), 0), "no job is ready");
         let (format, transfer) = (PixelFormat::Rgb8, Transfer::Linear);
-        foreman.turn_to(Some(JobTracer { tracer: Arc::new(Held(held.clone())), format, transfer }));
+        foreman.turn_to(Some(JobTracer { tracer: Arc::new(Held(held.clone())), format, transfer, trace: None }));
         let hold = held.lock().unwrap();
-        let taken = (0..2 * MAX_LEASES as u64).take_while(|&n| foreman.take(lease(n))).count();
+        let taken = (0..2 * MAX_LEASES as u64).take_while(|&n| foreman.take(lease(n), 0)).count();
         assert!((MAX_LEASES..MAX_LEASES + 2).contains(&taken), "{taken}");
         while foreman.0.desk().at_work.is_empty() {
             std::thread::yield_now();
@@ -312,18 +347,18 @@ mod tests {
         let (out, mut delivered) = mpsc::channel(4);
         let foreman = Foreman::new(pool.clone(), out);
         let (format, transfer) = (PixelFormat::Rgb8, Transfer::Linear);
-        foreman.turn_to(Some(JobTracer { tracer: Arc::new(Endless), format, transfer }));
+        foreman.turn_to(Some(JobTracer { tracer: Arc::new(Endless), format, transfer, trace: None }));
         let begun = |id| {
             while !foreman.0.desk().at_work.iter().any(|(l, _)| l.id == LeaseId(id)) {
                 std::thread::yield_now();
             }
         };
-        foreman.take(lease(1));
+        foreman.take(lease(1), 0);
         begun(1);
         assert!(foreman.revoke(LeaseId(1)).is_none(), "it is at work");
         let answer = delivered.blocking_recv().unwrap().kind;
         assert_eq!(answer, Some(Kind::LeaseReturned(wire::LeaseReturned { lease: 1, attempt: 0 })));
-        foreman.take(lease(2));
+        foreman.take(lease(2), 0);
         begun(2);
         drop(foreman);
         // The one thread is free again, and nothing more was said.

@@ -15,7 +15,7 @@ use tessera_proto::token::REFUSED_KEY;
 use tessera_proto::wire::farm_client::FarmClient;
 use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_proto::wire::{self, CoordinatorMessage, WorkerMessage, coordinator_message::Kind as Hear};
-use tessera_proto::{LeaseId, SceneHash, SessionId};
+use tessera_proto::{LeaseId, SceneHash, SessionId, TraceContext};
 use tokio::sync::mpsc;
 use tokio::task::AbortHandle;
 use tokio::time::timeout;
@@ -25,11 +25,13 @@ use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Request, Status, Streaming};
+use tracing::{Span, info_span};
 
 use crate::cache::SceneCache;
 use crate::heart::beat;
 use crate::prepare::{Prepared, Preparing};
 use crate::render::Foreman;
+use crate::spans::{SPANS, context_of, under};
 use crate::{Access, Address, Config};
 
 /// Bytes of a scene on their way at most: an ocean away, a smaller window would be the limit.
@@ -168,15 +170,19 @@ impl Session {
                 local: self.config.local.as_ref().map(|l| l.secret),
             };
             say(&out, Say::Register(registration.into())).await?;
-            let mut inbox = client.work(ReceiverStream::new(outbox)).await?.into_inner();
+            let answer = client.work(ReceiverStream::new(outbox)).await?;
+            let farm = TraceContext::of(answer.metadata());
+            let mut inbox = answer.into_inner();
             match hear(&mut inbox).await? {
-                Some(Hear::Welcome(welcome)) => Ok((inbox, welcome)),
+                Some(Hear::Welcome(welcome)) => Ok((inbox, welcome, farm)),
                 _ => Err(Outcome::Lost("the coordinator did not answer as one".into())),
             }
         };
         let no_answer = || Outcome::Lost("the coordinator does not answer".into());
-        let (inbox, welcome) = timeout(2 * REGISTER_WITHIN, talk).await.map_err(|_| no_answer())??;
+        let (inbox, welcome, farm) = timeout(2 * REGISTER_WITHIN, talk).await.map_err(|_| no_answer())??;
         tracing::info!("registered with {} as {:?}", self.config.connect, cause(&welcome.name));
+        let name = cause(&welcome.name);
+        let span = under(info_span!(target: SPANS, parent: None, "session", worker = name), farm);
         let millis = |ms: u32| Duration::from_millis(u64::from(ms.clamp(50, 60_000)));
         let session = SessionId(welcome.session);
         // On a connection of their own, beats do not wait behind results.
@@ -185,7 +191,7 @@ impl Session {
             None => self.client(timeout(REGISTER_WITHIN, self.dial()).await.map_err(|_| no_answer())??),
         };
         let heart = beat(beats, session, millis(welcome.heartbeat_interval_ms), millis(welcome.dead_after_ms));
-        Ok(Talk { client, session, out, inbox, heart: tokio::spawn(heart) })
+        Ok(Talk { client, session, span, out, inbox, heart: tokio::spawn(heart) })
     }
 }
 
@@ -243,6 +249,8 @@ pub(crate) type Client = FarmClient<InterceptedService<Channel, Credentials>>;
 struct Talk {
     client: Client,
     session: SessionId,
+    /// The session, as it is exported.
+    span: Span,
     out: mpsc::Sender<WorkerMessage>,
     inbox: Streaming<CoordinatorMessage>,
     heart: tokio::task::JoinHandle<String>,
@@ -286,11 +294,12 @@ impl Talk {
                     Some(Hear::Finished(wire::Finished { leave: true })) => return Ok(Outcome::Dismissed),
                     Some(Hear::Finished(_)) => return Ok(Outcome::Finished),
                     Some(Hear::Job(job)) => {
+                        let trace = TraceContext::parse(&job.traceparent).or_else(|| context_of(&self.span));
                         let job = Job::try_from(job).map_err(|e| Outcome::Lost(format!("a bad job: {e}")))?;
                         for lease in foreman.turn_to(None) {
                             give_back(&self.out, &lease).await?;
                         }
-                        next = Some(Box::pin(session.prepare(job, self.client.clone(), self.session)));
+                        next = Some(Box::pin(session.prepare((job, trace), self.client.clone(), self.session)));
                     }
                     Some(Hear::Forget(forget)) => {
                         if let Ok(hash) = forget.scene_sha256.try_into() {
@@ -299,8 +308,9 @@ impl Talk {
                     }
                     Some(Hear::Lease(lease)) => {
                         foreman.pack(lease.pack);
+                        let span = lease.span;
                         let lease = Lease::try_from(lease).map_err(|e| Outcome::Lost(format!("a bad lease: {e}")))?;
-                        if !foreman.take(lease) {
+                        if !foreman.take(lease, span) {
                             let why = "the coordinator sends more leases than anyone can hold, or before a job is ready";
                             return Err(Outcome::Lost(why.into()));
                         }
