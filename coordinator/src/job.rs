@@ -9,6 +9,7 @@ use tessera_core::scene::Scene;
 use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_proto::PixelFormat;
+use tracing::Span;
 use worker::{Exact, Studio};
 
 use crate::farm::{Canvas, Film, Scratch, Timing};
@@ -118,6 +119,8 @@ pub struct RenderJob {
     pub canvas: Option<Canvas>,
     /// What renders tiles in this process: the tracer, or in tests something else.
     pub studio: Arc<dyn Studio>,
+    /// What its spans are under, where they are recorded.
+    pub span: Span,
 }
 
 impl RenderJob {
@@ -142,6 +145,7 @@ impl RenderJob {
             spent: Duration::ZERO,
             canvas: None,
             studio: Arc::new(Exact),
+            span: Span::none(),
         }
     }
 }

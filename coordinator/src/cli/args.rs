@@ -14,10 +14,11 @@ use clap_complete::Shell;
 use tessera_core::film::Region;
 use tessera_core::settings::{Quality, Settings, Transfer};
 use worker::Address;
+use worker::otlp::Collector;
 
 use super::access::{AccessFlags, PictureFlags, TokenCommand};
 
-pub(crate) use farm::{ChangeJob, FarmFlags, Fetch, Jobs, Serve, Submit, Workers};
+pub(crate) use farm::{ChangeJob, FarmFlags, Fetch, Jobs, OtlpFlags, Serve, Submit, Workers};
 pub(crate) use fleet::{Fleet, FleetFlags, OwnFleet};
 pub(crate) use scenes::{Check, Compare};
 
@@ -127,6 +128,18 @@ pub(crate) enum Command {
     },
 }
 
+impl Command {
+    /// Where its spans are sent.
+    pub(crate) fn otlp(&self) -> Option<&Collector> {
+        match self {
+            Self::Render(raw) => raw.otlp.otlp.as_ref(),
+            Self::Serve(raw) => raw.otlp.otlp.as_ref(),
+            Self::Submit(raw) => raw.otlp.otlp.as_ref(),
+            _ => None,
+        }
+    }
+}
+
 /// What is rendered, and how well.
 #[derive(Clone, Debug, ClapArgs)]
 pub(crate) struct ViewFlags {
@@ -227,6 +240,8 @@ pub(crate) struct Render {
     /// How to show progress on stderr; 'auto' is a bar on a terminal, a line every 10 s elsewhere
     #[arg(long, value_name = "KIND", default_value = "auto", help_heading = "Reporting")]
     pub(crate) progress: ProgressArg,
+    #[command(flatten)]
+    pub(crate) otlp: OtlpFlags,
 }
 
 /// Flags of `picture`.

@@ -10,6 +10,8 @@ use tracing_subscriber::fmt::MakeWriter;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer};
+use worker::otlp::Otlp;
+use worker::spans::unspoken;
 
 use super::exit::{Exit, Failure};
 
@@ -47,8 +49,8 @@ impl Console {
         &self.bars
     }
 
-    /// Starts logging to stderr; does nothing when logging has started already.
-    pub(crate) fn log(&self, verbosity: u8) {
+    /// Starts logging to stderr, and the export of spans; does nothing when logging has started already.
+    pub(crate) fn log(&self, verbosity: u8, otlp: Option<&Otlp>) {
         // Who comes and goes is said always; other people's layers speak for themselves only at the loudest.
         let default = match verbosity {
             0 => format!("warn,farm=info,{}", layers_at("error")),
@@ -64,8 +66,9 @@ impl Console {
             .with_ansi(self.colour)
             .with_target(verbosity > 1)
             .with_writer(LogWriter(self.clone()))
-            .with_filter(filter);
-        let _ = tracing_subscriber::registry().with(said).with(coordinator::web::log::layer()).try_init();
+            .with_filter(unspoken(filter));
+        let kept = coordinator::web::log::layer();
+        let _ = tracing_subscriber::registry().with(said).with(kept).with(otlp.map(Otlp::layer)).try_init();
     }
 
     /// A result: as it is, to stdout.

@@ -25,7 +25,9 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Channel;
-use tonic::{Code, Status, Streaming};
+use tonic::{Code, Request, Status, Streaming};
+use tracing::Span;
+use worker::spans::context_of;
 use worker::{Access, Address, Credentials};
 
 use super::args::FarmFlags;
@@ -142,7 +144,12 @@ impl Client {
         Ok(put.into_inner())
     }
 
-    pub(super) async fn submit(&mut self, spec: Spec) -> Result<Job, Failure> {
+    /// Submits a job, whose spans are to be under `span`.
+    pub(super) async fn submit(&mut self, spec: Spec, span: &Span) -> Result<Job, Failure> {
+        let mut spec = Request::new(spec);
+        if let Some(context) = context_of(span) {
+            context.put(spec.metadata_mut());
+        }
         Ok(self.calls.submit(spec).await.map_err(|e| refused(&e))?.into_inner())
     }
 
@@ -297,6 +304,7 @@ impl Asking<'_> {
             priority: self.priority,
             group: self.group.into(),
             deadline_ms: self.deadline.map_or(0, from_now_ms),
+            traceparent: String::new(),
         }
     }
 }

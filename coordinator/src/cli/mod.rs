@@ -34,6 +34,7 @@ mod verification;
 use std::time::Instant;
 
 use clap::Parser;
+use worker::otlp::Otlp;
 
 use args::{Args, Command};
 use console::Console;
@@ -60,7 +61,15 @@ pub(crate) fn run() -> Exit {
         }
     };
     let console = Console::new();
-    console.log(args.verbose);
+    // Ends last, so that all spans are sent.
+    let otlp = match args.command.otlp().map(|to| Otlp::start(to, "coordinator")).transpose() {
+        Ok(otlp) => otlp,
+        Err(e) => {
+            console.error(&format!("cannot start: {e}"));
+            return Exit::Failed;
+        }
+    };
+    console.log(args.verbose, otlp.as_ref());
     let done = match args.command {
         Command::Render(raw) => render::run(*raw, &console, began),
         Command::Serve(raw) => serve::run(&raw, &console),

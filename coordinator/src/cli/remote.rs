@@ -10,6 +10,8 @@ use tessera_proto::control::{self, Job, State};
 use tessera_proto::convert::{Lease, printable};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
+use tracing::{Span, info_span};
+use worker::spans::SPANS;
 
 use super::args::FarmFlags;
 use super::console::Console;
@@ -24,9 +26,11 @@ pub(super) async fn rendered(
     options: &Options,
     scene: Arc<Scene>,
     (console, stop): (&Console, &CancellationToken),
+    span: &Span,
 ) -> Result<Rendered, Failure> {
     let flags = FarmFlags { farm: options.farm.clone(), user_token: options.access.token_file.clone() };
     let mut client = render::unless_stopped(stop, Client::connect(&flags)).await??;
+    let span = info_span!(target: SPANS, parent: span, "submit");
     let named = client.put_scene(scene).await?;
     let name = options.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let asking = Asking {
@@ -42,7 +46,8 @@ pub(super) async fn rendered(
         group: "",
         deadline: None,
     };
-    let job = client.submit(asking.spec(named)).await?;
+    let job = client.submit(asking.spec(named), &span).await?;
+    drop(span);
     let id = job.id;
     tracing::info!("submitted as job {id}");
     let (tell, watched) = watch::channel(Progress::default());

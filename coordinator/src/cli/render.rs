@@ -14,7 +14,8 @@ use tessera_core::settings::{Detail, Quality};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
-use tracing::info;
+use tracing::{Span, info, info_span};
+use worker::spans::SPANS;
 
 use super::access::raise_open_files;
 use super::args::{ProgressArg, Render};
@@ -62,7 +63,9 @@ fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, I
     let room = options.output.reserve(width, height).map_err(Failure::usage)?;
     // A farm that stays keeps its own.
     let journal = if options.farm.is_some() { None } else { journal::open(&options)? };
-    let job = render(options.clone(), (files, journal.clone(), fleet), (console, stop), began);
+    let scene = options.scene.file_stem().unwrap_or_default().to_string_lossy();
+    let span = info_span!(target: SPANS, parent: None, "render", scene = &*scene);
+    let job = render(options.clone(), (files, journal.clone(), fleet), (console, stop), (began, &span));
     let ended = on_runtime(options.threads, job)?;
     // The farm is closed: whatever its peers do, the picture is written.
     let Ended { rendered, error, phases, description } = match ended {
@@ -72,7 +75,9 @@ fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, I
     let output = if error.is_none() { options.output.clone() } else { options.output.partial() };
     let rest =
         Rest { options: &options, description: description.as_ref(), phases, began, journal: journal.as_deref() };
+    let writing = info_span!(target: SPANS, parent: &span, "write picture");
     rest.finish(&output, &rendered, room)?;
+    drop(writing);
     if let Some(warning) = super::verification::warning(&rendered.verification) {
         console.warning(&warning);
     }
@@ -156,7 +161,7 @@ async fn render(
     options: Arc<Options>,
     (mut files, journal, fleet): (Files, Option<Arc<Journal>>, &mut Option<Own>),
     (console, stop): (&Console, CancellationToken),
-    began: Instant,
+    (began, span): (Instant, &Span),
 ) -> Result<Result<Ended, RenderError>, Failure> {
     let (mut farm, over) = (None, CancellationToken::new());
     let mut watching = None;
@@ -168,9 +173,10 @@ async fn render(
         watching = page.map(|page| watch_single(page, &options, stop.clone(), over.clone()));
     }
     let mut phases = Phases::default();
-    let reading = Instant::now();
+    let (reading, reading_span) = (Instant::now(), info_span!(target: SPANS, parent: span, "read scene"));
     let (path, folders) = (options.scene.clone(), options.pictures.clone());
     let read = unless_stopped(&stop, blocking(move || scene::read(&path, folders))).await??;
+    drop(reading_span);
     phases.read = reading.elapsed();
     info!(seconds = phases.read.as_secs_f64(), "scene read");
     for path in &read.pictures {
@@ -180,11 +186,11 @@ async fn render(
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
     let Some((farm, access)) = farm else {
-        let rendered = remote::rendered(&options, scene, (console, &stop)).await?;
+        let rendered = remote::rendered(&options, scene, (console, &stop), span).await?;
         return Ok(Ok(Ended { rendered, error: None, phases, description }));
     };
     let source = if options.workers > 0 {
-        let building = Instant::now();
+        let (building, _span) = (Instant::now(), info_span!(target: SPANS, parent: span, "prepare scene"));
         let prepared = unless_stopped(&stop, blocking(move || PreparedScene::build(scene))).await??;
         phases.build = building.elapsed();
         info!(seconds = phases.build.as_secs_f64(), "structures built");
@@ -203,6 +209,7 @@ async fn render(
         verify: options.verify,
         patience: options.patience,
         journal,
+        span: info_span!(target: SPANS, parent: span, "job"),
         scratch: Scratch { folder: options.output.path().parent().map(Into::into), ..Scratch::default() },
         ..RenderJob::new(source, options.settings)
     };

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use coordinator::PixelFormat;
 use tessera_core::scene::Scene;
 use tessera_proto::control::{Job, State};
+use tracing::info_span;
+use worker::spans::SPANS;
 
 use super::args::Submit;
 use super::console::Console;
@@ -26,9 +28,12 @@ pub(crate) fn run(raw: Submit, console: &Console) -> Result<Exit, Failure> {
         };
         let mut submitted = Vec::new();
         for path in &raw.scenes {
-            let read = read(path, &raw, console).await?;
-            let named = client.put_scene(read).await?;
             let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            let span = info_span!(target: SPANS, parent: None, "submit", scene = &*stem);
+            let reading = info_span!(target: SPANS, parent: &span, "read scene");
+            let read = read(path, &raw, console).await?;
+            drop(reading);
+            let named = client.put_scene(read).await?;
             // Several keep their numbering in the names.
             let name = match &raw.name {
                 Some(name) if raw.scenes.len() == 1 => name.clone(),
@@ -52,7 +57,7 @@ pub(crate) fn run(raw: Submit, console: &Console) -> Result<Exit, Failure> {
                 group: &group,
                 deadline: raw.deadline,
             };
-            let job = client.submit(asking.spec(named)).await?;
+            let job = client.submit(asking.spec(named), &span).await?;
             console.out(&format!("{}\n", job.id))?;
             submitted.push(job.id);
         }

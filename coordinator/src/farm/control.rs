@@ -14,7 +14,7 @@ use tessera_proto::control::{
 use tessera_proto::convert::pixel_bytes;
 use tessera_proto::limits::{MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCENE_PIECE_BYTES};
 use tessera_proto::scene::SceneDecoder;
-use tessera_proto::{SceneHash, wire};
+use tessera_proto::{SceneHash, TraceContext, wire};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
@@ -162,7 +162,9 @@ impl control_server::Control for Control {
 
     async fn submit(&self, request: Request<Spec>) -> Result<Response<Job>, Status> {
         self.called(&request)?;
-        Ok(Response::new(self.queue.submit(request.into_inner()).await?))
+        let submitted = TraceContext::of(request.metadata());
+        let traceparent = submitted.map_or_else(String::new, |context| context.to_string());
+        Ok(Response::new(self.queue.submit(Spec { traceparent, ..request.into_inner() }).await?))
     }
 
     async fn list_jobs(&self, request: Request<ListJobsRequest>) -> Result<Response<Self::ListJobsStream>, Status> {

@@ -33,6 +33,8 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use tonic::transport::Server;
 use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
+use tracing::info_span;
+use worker::spans::{SPANS, context_of};
 use worker::{LocalScene, TileTracer};
 
 use crate::access::{Access, Guarded};
@@ -204,6 +206,9 @@ impl Farm {
         self.hire(job.workers, job.threads);
         let tracer = if self.hired.is_some() { Some(tracer(&job).await?) } else { None };
         let Self { door, heard, server, hired, strangers, health, closing, .. } = self;
+        if let Some(trace) = context_of(&job.span) {
+            let _ = door.trace.set(trace);
+        }
         health.set_service_status("", ServingStatus::Serving).await;
         if let Some(hired) = &hired {
             hired.tracer.send_replace(tracer);
@@ -221,6 +226,10 @@ impl Farm {
     /// Renders what the queue orders until `cancel`; then every job ends as it is, and the workers are dismissed.
     pub async fn serve(self, queue: &Queue, orders: Orders, cancel: CancellationToken) {
         let Self { door, heard, server, health, closing, .. } = self;
+        let span = info_span!(target: SPANS, parent: None, "serve");
+        if let Some(trace) = context_of(&span) {
+            let _ = door.trace.set(trace);
+        }
         health.set_service_status("", ServingStatus::Serving).await;
         let dispatcher = Dispatcher::new(door, heard, Timing::default(), 0);
         queue.attach(dispatcher.views());

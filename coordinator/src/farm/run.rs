@@ -4,6 +4,7 @@
 mod end;
 mod figures;
 mod member;
+mod spans;
 mod verification;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -14,7 +15,7 @@ use tessera_core::settings::Sampling;
 use tessera_proto::convert::{TileDone, check_size};
 use tessera_proto::token::{NoRandomness, random};
 use tessera_proto::wire::coordinator_message::Kind;
-use tessera_proto::wire::{self, CoordinatorMessage, Revoke};
+use tessera_proto::wire::{self, Revoke};
 use tessera_proto::{JobNumber, PixelFormat};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
@@ -27,10 +28,11 @@ use super::stitch::{self, Stitch, Stitcher};
 use super::verify::{Sum, Verify};
 use crate::job::{Progress, RenderError, RenderJob, Verification, WorkerStats};
 use crate::plan::Plan;
-use crate::scheduler::{self, CutOff, Effect, End, Event, Scheduler, WorkerKey};
+use crate::scheduler::{self, Effect, End, Event, Scheduler, WorkerKey};
 pub(crate) use end::Finished;
 pub(super) use member::{Comer, Note, end_session};
 use member::{Member, keep};
+use spans::Spans;
 use verification::{OwnCore, is_check, recall};
 
 /// Between two looks at the pulses of workers.
@@ -74,6 +76,7 @@ pub(super) struct Run {
     notes: Vec<Note>,
     /// Whether somebody may look at the picture meanwhile.
     is_watched: bool,
+    spans: Spans,
     end: Ended,
 }
 
@@ -162,6 +165,7 @@ impl Run {
             last_cause: None,
             notes: Vec::new(),
             is_watched: job.canvas.is_some(),
+            spans: Spans::of(job.span),
             end: None,
         })
     }
@@ -221,6 +225,7 @@ impl Run {
             return Some(Err(RenderError::Internal("the stitcher stopped".into())));
         }
         let Some(step) = turn.step else { return Some(Ok(())) };
+        self.spans.begin(pass, is_look);
         self.pace.begin(self.start.elapsed(), turn.work, step.kept, self.passes.expected());
         let regions = (turn.nothing_left || !step.regions.is_empty()).then_some(step.regions);
         if std::mem::replace(&mut self.leasing, true) {
@@ -270,8 +275,12 @@ impl Run {
                 self.is_ready(worker, false);
                 self.tell(Event::Draining { worker }, None).await
             }
-            Said::Returned { lease, attempt } => self.tell(Event::Returned { worker, lease, attempt }, None).await,
+            Said::Returned { lease, attempt } => {
+                self.spans.ended(lease, "returned");
+                self.tell(Event::Returned { worker, lease, attempt }, None).await
+            }
             Said::Failed { lease, attempt, cause } => {
+                self.spans.ended(lease, "failed");
                 tracing::warn!("{} failed at a tile: {cause}", self.name(worker));
                 self.tell(Event::Failed { worker, lease, attempt, cause }, None).await
             }
@@ -409,10 +418,11 @@ impl Run {
                 Effect::Grant { worker, lease } => {
                     touched.insert(worker);
                     let pack = self.scheduler.has_narrow_line(worker);
-                    self.say(worker, Kind::Lease(wire::Lease { pack, ..lease.into() }));
+                    self.lease(worker, wire::Lease { pack, ..lease.into() }, &lease);
                 }
                 Effect::Revoke { worker, lease } => {
                     touched.insert(worker);
+                    self.spans.revoked(lease);
                     self.say(worker, Kind::Revoke(Revoke { lease: lease.0 }));
                 }
                 Effect::Accept { worker, region } => {
@@ -420,9 +430,13 @@ impl Run {
                     self.count(worker, region, done);
                     let name = self.name(worker);
                     let note = self.is_watched.then(|| self.note_of(region, done, &name));
+                    let checks = self.unassigned.len();
                     let by = (name, self.verify(worker, region, done));
-                    let Some(first) = self.passes.accept(region, done, by) else { continue };
-                    let stitch = Stitch::New { region, pixels: done.pixels.clone(), first, note };
+                    let first = self.passes.accept(region, done, by);
+                    let outcome = if first.is_some() { "stitched" } else { "looked at" };
+                    let span = self.spans.accepted(done, outcome, self.unassigned.len() > checks);
+                    let Some(first) = first else { continue };
+                    let stitch = Stitch::New { region, pixels: done.pixels.clone(), first, note, span };
                     // Waits where stitching is slower than the farm; so, then, do the workers.
                     if self.tiles.send(stitch).await.is_err() {
                         end = Some(Err(RenderError::Internal("the stitcher stopped".into())));
@@ -449,55 +463,15 @@ impl Run {
                 }
             }
         }
+        if let Some(done) = &done {
+            // Another worker was faster.
+            self.spans.ended(done.lease, "late");
+        }
         self.assign();
         for worker in touched {
             let holds = self.scheduler.holds(worker);
             self.figures(worker, |w| w.holds = holds);
         }
         end
-    }
-
-    /// Tells the scheduler now and then of whom something was heard since, and lets the clock run on.
-    fn feel_pulses(&mut self, now: Duration, effects: &mut Vec<Effect>) {
-        if now < self.pulse_at {
-            return;
-        }
-        self.pulse_at = now + PULSE_EVERY;
-        for (&worker, member) in &mut self.members {
-            let last = member.pulse.last();
-            if std::mem::replace(&mut member.felt, last) != last {
-                self.scheduler.handle(Event::Heard { worker }, now, effects);
-            }
-        }
-        self.progress.send_modify(|p| p.elapsed = now);
-    }
-
-    fn say(&mut self, worker: WorkerKey, kind: Kind) {
-        let Some(member) = self.members.get(&worker) else { return };
-        let message = CoordinatorMessage { kind: Some(kind) };
-        if member.mouth.try_send(Ok(message)).is_err() {
-            // It does not read: ending its stream makes it leave.
-            member.cut.cancel();
-        }
-    }
-
-    fn cut_off(&mut self, worker: WorkerKey, why: CutOff) {
-        let Some(member) = self.members.get(&worker) else { return };
-        let cause = end_session(&member.mouth, &member.cut, &why);
-        let lost = self.remove(worker, &cause);
-        self.notes.push(Note::CutOff { worker, why, cause, lost });
-    }
-
-    fn remove(&mut self, worker: WorkerKey, cause: &str) -> u64 {
-        self.figures(worker, |w| {
-            w.connected = false;
-            w.holds = 0;
-            w.left = Some(cause.into());
-        });
-        self.last_cause = Some(format!("{}: {cause}", self.name(worker)));
-        let Some(member) = self.members.remove(&worker) else { return 0 };
-        self.roster.left(member.id);
-        self.reassign(worker, member.id);
-        member.lost
     }
 }

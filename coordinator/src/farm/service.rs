@@ -15,12 +15,14 @@ use tessera_proto::token::{NoRandomness, Secret, random};
 use tessera_proto::wire::farm_server::{self, FarmServer};
 use tessera_proto::wire::worker_message::Kind;
 use tessera_proto::wire::{self, BeatReply, BeatRequest, CoordinatorMessage, ScenePiece, SceneRequest, WorkerMessage};
-use tessera_proto::{Attempt, JobNumber, LeaseId, PixelFormat, SceneHash, SessionId};
+use tessera_proto::{Attempt, JobNumber, LeaseId, PixelFormat, SceneHash, SessionId, TraceContext};
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
 use tonic::{Request, Response, Status, Streaming};
+use tracing::{Span, info_span};
+use worker::spans::{SPANS, under};
 
 use super::gate::Gate;
 use super::guard::for_good;
@@ -141,6 +143,8 @@ pub(super) struct Door {
     /// Known to workers of this process alone.
     pub(super) secret: Secret,
     pub(super) gate: Arc<Gate>,
+    /// What workers hang the spans of their sessions under.
+    pub(super) trace: OnceLock<TraceContext>,
 }
 
 /// Jobs that are rendered.
@@ -180,7 +184,14 @@ fn over() -> Status {
 impl Door {
     /// Behind this door, and `heard` by whoever listens.
     pub(super) fn new(heard: mpsc::Sender<Heard>, gate: Arc<Gate>) -> Result<Self, NoRandomness> {
-        Ok(Self { heard, sessions: Mutex::default(), offers: RwLock::default(), secret: Secret::new()?, gate })
+        Ok(Self {
+            heard,
+            sessions: Mutex::default(),
+            offers: RwLock::default(),
+            secret: Secret::new()?,
+            gate,
+            trace: OnceLock::new(),
+        })
     }
 
     /// Offers a job.
@@ -368,7 +379,11 @@ impl farm_server::Farm for Service {
             door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&session);
             let _ = door.heard.send(Heard::Left { worker, cause }).await;
         });
-        Ok(Response::new(ReceiverStream::new(words)))
+        let mut answer = Response::new(ReceiverStream::new(words));
+        if let Some(trace) = self.0.trace.get() {
+            trace.put(answer.metadata_mut());
+        }
+        Ok(answer)
     }
 
     async fn beat(&self, request: Request<BeatRequest>) -> Result<Response<BeatReply>, Status> {
@@ -382,6 +397,7 @@ impl farm_server::Farm for Service {
     }
 
     async fn fetch_scene(&self, request: Request<SceneRequest>) -> Result<Response<Self::FetchSceneStream>, Status> {
+        let trace = TraceContext::of(request.metadata());
         let request = request.into_inner();
         let visitor = self.0.visitor(request.session)?;
         let offer = self.0.with_scene(&request.scene_sha256);
@@ -393,8 +409,11 @@ impl farm_server::Farm for Service {
         // Pieces are made as fast as they are sent, and never all at once.
         let (sender, pieces) = mpsc::channel(2);
         let scene = offer.scene.clone();
+        // Of whoever records none there is nothing to be part of.
+        let sending = || under(info_span!(target: SPANS, parent: None, "send scene"), trace);
+        let span = trace.map_or_else(Span::none, |_| sending());
         tokio::task::spawn_blocking(move || {
-            let _fetching = fetching;
+            let _fetching = (fetching, span);
             for data in SceneEncoder::new(&scene, SCENE_PIECE_BYTES) {
                 if sender.blocking_send(Ok(ScenePiece { data })).is_err() {
                     return;

@@ -8,6 +8,7 @@ use bytes::Bytes;
 use tessera_core::film::Region;
 use tessera_proto::{PixelFormat, Pixels};
 use tokio::sync::{mpsc, oneshot};
+use tracing::Span;
 
 use super::canvas::{Canvas, TileNote, View};
 use super::film::{Film, Scratch};
@@ -21,8 +22,8 @@ const WAITING: usize = 4;
 /// What becomes of the picture.
 #[derive(Debug)]
 pub(super) enum Stitch {
-    /// That came; `first` where the picture had nothing in this place before.
-    New { region: Region, pixels: Bytes, first: bool, note: Option<TileNote> },
+    /// That came; `first` where the picture had nothing in this place before. `span` ends when it is in the picture.
+    New { region: Region, pixels: Bytes, first: bool, note: Option<TileNote>, span: Span },
     /// Of an earlier run, all at once: nobody waits until they are read.
     Again(Vec<Again>),
     /// These pixels are not what they should be: as if they had never come.
@@ -108,8 +109,9 @@ pub(super) fn start(
         let mut picture = Picture { whole, view, done: Vec::new(), taken: Vec::new() };
         while let Some(tiles) = tiles.blocking_recv() {
             match tiles {
-                Stitch::New { region, pixels, first, note } => {
+                Stitch::New { region, pixels, first, note, span } => {
                     picture.put(region, &pixels, first)?;
+                    drop(span);
                     if let Some(note) = note {
                         picture.view().note(note);
                     }
@@ -177,6 +179,7 @@ mod tests {
             pixels: vec![9; 3 * region.area() as usize].into(),
             first,
             note: None,
+            span: Span::none(),
         };
         for stitch in [
             put(region(10, 10, 12, 12), true),

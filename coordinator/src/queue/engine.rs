@@ -15,6 +15,7 @@ use tokio::sync::{oneshot, watch};
 use super::choose::{ACTIVE, Waiting};
 use super::keep::Keep;
 use super::load::{Loaded, load, outcome};
+use super::spans::Spans;
 use super::spec::{check, key, rank};
 use super::store::{Left, Store};
 use super::{Ask, Change, Entry, Jobs, Refused, Reply, UNWRITTEN, is_final, now_ms, state_name};
@@ -58,6 +59,7 @@ pub(super) struct Engine {
     deadlines: BTreeSet<(u64, u64)>,
     /// Finished jobs by what their pictures depend on.
     finished: HashMap<[u8; 32], u64>,
+    spans: Spans,
     /// Where it closes, who waits for that.
     closing: Option<oneshot::Sender<()>>,
 }
@@ -86,6 +88,7 @@ impl Engine {
             running: BTreeMap::new(),
             deadlines: BTreeSet::new(),
             finished,
+            spans: Spans::default(),
             closing: None,
         };
         for mut job in left.jobs {
@@ -106,6 +109,7 @@ impl Engine {
     /// Puts a job, as it is now, where everybody sees it.
     fn place(&mut self, job: Job) {
         let Some(spec) = &job.spec else { return };
+        self.spans.is(&job);
         let rank = rank(spec, job.id);
         match job.state() {
             State::Queued | State::Rendering => self.waiting.insert(&spec.owner, rank),
@@ -174,6 +178,7 @@ impl Engine {
             if self.running.is_empty()
                 && let Some(closing) = self.closing.take()
             {
+                self.spans.close();
                 let _ = closing.send(());
                 return;
             }
@@ -336,7 +341,8 @@ impl Engine {
         running.begun = true;
         let number = running.number;
         self.jobs.numbers().insert(number.0, id);
-        let Loaded { job, journal, scene } = loaded;
+        let Loaded { mut job, journal, scene } = loaded;
+        job.span = self.spans.begun(id);
         let (progress, watched) = watch::channel(Progress::default());
         if let Some(entry) = self.jobs.entries().get_mut(&id) {
             (entry.progress, entry.canvas) = (Some(watched), job.canvas.clone());

@@ -7,6 +7,7 @@ mod choose;
 mod engine;
 mod keep;
 mod load;
+mod spans;
 mod spec;
 mod store;
 

@@ -108,6 +108,7 @@ pub(super) fn key(spec: &Spec) -> Option<[u8; 32]> {
         priority: 0,
         group: String::new(),
         deadline_ms: 0,
+        traceparent: String::new(),
         ..spec.clone()
     };
     let mut hash = Sha256::new();

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args as ClapArgs;
 use coordinator::Keep;
 use worker::Address;
+use worker::otlp::Collector;
 
 use super::{OwnFleet, ViewFlags, colour};
 use crate::cli::access::{AccessFlags, PictureFlags};
@@ -19,6 +20,14 @@ pub(crate) struct FarmFlags {
     /// File that holds the users' token [default: what TESSERA_TOKEN holds, or this user's own]
     #[arg(long, value_name = "FILE", help_heading = "Farm", id = "user_token_file")]
     pub(crate) user_token: Option<PathBuf>,
+}
+
+/// What is told of what happens, beside the log.
+#[derive(Clone, Debug, Default, ClapArgs)]
+pub(crate) struct OtlpFlags {
+    /// Send spans, from submit to stitched tile, to an OpenTelemetry collector, as OTLP over gRPC: http://HOST[:PORT], port 4317 where none is given
+    #[arg(long, value_name = "URL", help_heading = "Reporting")]
+    pub(crate) otlp: Option<Collector>,
 }
 
 /// Flags of `serve`.
@@ -49,6 +58,8 @@ pub(crate) struct Serve {
     pub(crate) fleet: OwnFleet,
     #[command(flatten)]
     pub(crate) access: AccessFlags,
+    #[command(flatten)]
+    pub(crate) otlp: OtlpFlags,
 }
 
 /// Flags of `submit`.
@@ -81,6 +92,8 @@ pub(crate) struct Submit {
     pub(crate) wait: bool,
     #[command(flatten)]
     pub(crate) farm: FarmFlags,
+    #[command(flatten)]
+    pub(crate) otlp: OtlpFlags,
 }
 
 /// Flags of `jobs`.

@@ -2,8 +2,8 @@
 
 use tessera_proto::JobNumber;
 use tessera_proto::convert::Job;
-use tessera_proto::wire::CoordinatorMessage;
 use tessera_proto::wire::coordinator_message::Kind;
+use tessera_proto::wire::{self, CoordinatorMessage};
 use tokio::time::Instant;
 
 use super::{Active, Dispatcher, SHARE_EVERY, Seat};
@@ -79,6 +79,8 @@ impl Dispatcher {
     /// Tells the workers of a job what to render, as soon as its scene can be named.
     pub(super) fn tell_job(&mut self, number: JobNumber) {
         let Some(offer) = self.door.offered(number) else { return };
+        let trace = self.runs.get(&number).and_then(|active| active.run.trace());
+        let traceparent = trace.map_or_else(String::new, |context| context.to_string());
         for seat in self.seats.values_mut().filter(|s| s.job == Some(number) && !s.told) {
             let scene = if seat.own { None } else { offer.scene_name() };
             if scene.is_none() && !seat.own {
@@ -86,7 +88,8 @@ impl Dispatcher {
                 continue;
             }
             let job = Job { number, scene, settings: offer.settings, pixels: offer.pixels };
-            let message = CoordinatorMessage { kind: Some(Kind::Job(job.into())) };
+            let job = wire::Job { traceparent: traceparent.clone(), ..job.into() };
+            let message = CoordinatorMessage { kind: Some(Kind::Job(job)) };
             if seat.mouth.try_send(Ok(message)).is_err() {
                 seat.cut.cancel();
             }

@@ -27,6 +27,7 @@ impl Run {
     /// Ends it, by `error` where it has not come to its end.
     pub(in crate::farm) fn finish(mut self, error: RenderError) -> Finished {
         let end: Ended = self.end.take();
+        self.spans.end();
         let end = end.unwrap_or(Err(error));
         if end.is_ok() {
             self.progress.send_modify(|p| (p.share, p.remaining) = (1.0, Some(std::time::Duration::ZERO)));

@@ -1,12 +1,15 @@
 //! What is known of each worker, as it is shown and reported.
 
+use std::collections::BTreeMap;
+
 use tessera_core::film::Region;
 use tessera_proto::convert::TileDone;
 use tessera_proto::identity::WorkerId;
+use tokio::sync::watch;
 
-use super::{Note, Run};
+use super::{Member, Note, Run};
 use crate::farm::canvas::TileNote;
-use crate::job::WorkerStats;
+use crate::job::{Progress, WorkerStats};
 use crate::scheduler::WorkerKey;
 
 impl Run {
@@ -31,9 +34,7 @@ impl Run {
     }
 
     pub(super) fn name(&self, worker: WorkerKey) -> String {
-        let progress = self.progress.borrow();
-        let stats = self.members.get(&worker).and_then(|m| progress.workers.get(m.place));
-        stats.map_or_else(|| "a worker".into(), |w| w.name.clone())
+        name(&self.progress, &self.members, worker)
     }
 
     pub(super) fn figures(&self, worker: WorkerKey, change: impl FnOnce(&mut WorkerStats)) {
@@ -67,4 +68,15 @@ impl Run {
             }
         });
     }
+}
+
+/// The name under which a worker is shown.
+pub(super) fn name(
+    progress: &watch::Sender<Progress>,
+    members: &BTreeMap<WorkerKey, Member>,
+    worker: WorkerKey,
+) -> String {
+    let progress = progress.borrow();
+    let stats = members.get(&worker).and_then(|m| progress.workers.get(m.place));
+    stats.map_or_else(|| "a worker".into(), |w| w.name.clone())
 }

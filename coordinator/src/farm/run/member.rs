@@ -3,17 +3,22 @@
 use std::time::Duration;
 
 use tessera_core::trace::RayCounts;
-use tessera_proto::InstanceId;
+use tessera_proto::convert::Lease;
 use tessera_proto::identity::WorkerId;
+use tessera_proto::wire::coordinator_message::Kind;
+use tessera_proto::wire::{self, CoordinatorMessage};
+use tessera_proto::{InstanceId, TraceContext};
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
+use super::figures::name;
+use super::{PULSE_EVERY, Run};
 use crate::farm::guard::for_good;
 use crate::farm::pulse::Pulse;
 use crate::farm::service::Mouth;
 use crate::job::RenderJob;
 use crate::journal::{Found, Head, Sink};
-use crate::scheduler::{CutOff, WorkerKey};
+use crate::scheduler::{CutOff, Effect, Event, WorkerKey};
 
 /// A worker that renders for this job.
 pub(super) struct Member {
@@ -85,4 +90,63 @@ pub(super) fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
     let (scene, goal, verified) = (job.scene.scene().clone(), job.goal, job.verify > 0.0);
     let (settings, region, pixels) = (job.settings, job.region, job.pixels);
     journal.start(move || Head::new(&scene, settings, region, pixels, goal).verified(verified))
+}
+
+impl Run {
+    /// Tells the scheduler now and then of whom something was heard since, and lets the clock run on.
+    pub(super) fn feel_pulses(&mut self, now: Duration, effects: &mut Vec<Effect>) {
+        if now < self.pulse_at {
+            return;
+        }
+        self.pulse_at = now + PULSE_EVERY;
+        for (&worker, member) in &mut self.members {
+            let last = member.pulse.last();
+            if std::mem::replace(&mut member.felt, last) != last {
+                self.scheduler.handle(Event::Heard { worker }, now, effects);
+            }
+        }
+        self.progress.send_modify(|p| p.elapsed = now);
+    }
+
+    /// Leases a tile.
+    pub(super) fn lease(&mut self, worker: WorkerKey, wire: wire::Lease, lease: &Lease) {
+        let name = || name(&self.progress, &self.members, worker);
+        let span = self.spans.granted(lease, worker, name);
+        self.say(worker, Kind::Lease(wire::Lease { span, ..wire }));
+    }
+
+    /// What workers hang their spans of this job under.
+    pub(in crate::farm) fn trace(&self) -> Option<TraceContext> {
+        self.spans.context()
+    }
+
+    pub(super) fn say(&mut self, worker: WorkerKey, kind: Kind) {
+        let Some(member) = self.members.get(&worker) else { return };
+        let message = CoordinatorMessage { kind: Some(kind) };
+        if member.mouth.try_send(Ok(message)).is_err() {
+            // It does not read: ending its stream makes it leave.
+            member.cut.cancel();
+        }
+    }
+
+    pub(super) fn cut_off(&mut self, worker: WorkerKey, why: CutOff) {
+        let Some(member) = self.members.get(&worker) else { return };
+        let cause = end_session(&member.mouth, &member.cut, &why);
+        let lost = self.remove(worker, &cause);
+        self.notes.push(Note::CutOff { worker, why, cause, lost });
+    }
+
+    pub(super) fn remove(&mut self, worker: WorkerKey, cause: &str) -> u64 {
+        self.figures(worker, |w| {
+            w.connected = false;
+            w.holds = 0;
+            w.left = Some(cause.into());
+        });
+        self.last_cause = Some(format!("{}: {cause}", self.name(worker)));
+        self.spans.lost(worker);
+        let Some(member) = self.members.remove(&worker) else { return 0 };
+        self.roster.left(member.id);
+        self.reassign(worker, member.id);
+        member.lost
+    }
 }

@@ -9,7 +9,6 @@ use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::PreparedScene;
 use tessera_proto::convert::{TileDone, check_size, pixel_bytes};
 use tessera_proto::identity::WorkerId;
-use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::{LeaseId, PixelFormat};
 use worker::Studio;
 
@@ -104,7 +103,7 @@ impl Run {
         let waited = !ready.is_empty() || now > ALONE_AFTER;
         while let Some(&check) = self.unassigned.front() {
             match self.verify.assign(check, &ready, waited && self.own_busy < OWN_AT_ONCE, now) {
-                Some(Assigned::To(worker, lease)) => self.say(worker, Kind::Lease(lease.into())),
+                Some(Assigned::To(worker, lease)) => self.lease(worker, lease.into(), &lease),
                 Some(Assigned::Here { check, region, pass }) => self.check_here((check, region, pass)),
                 Some(Assigned::Later) => return,
                 None => {}
@@ -132,6 +131,7 @@ impl Run {
 
     /// A worker did not render a check's tile.
     pub(super) fn check_failed(&mut self, worker: WorkerKey, lease: LeaseId) -> Ended {
+        self.spans.ended(lease, "returned");
         if self.verify.region_of(worker, lease).is_some()
             && let Some(id) = self.members.get(&worker).map(|m| m.id)
         {
@@ -147,6 +147,7 @@ impl Run {
         let id = self.members.get(&worker).map(|m| m.id)?;
         let Some(region) = self.verify.region_of(worker, done.lease) else {
             // Nobody waits for it any more.
+            self.spans.ended(done.lease, "late");
             return None;
         };
         if let Err(e) = check_size(&done.pixels, self.pixels, &region) {
@@ -158,8 +159,12 @@ impl Run {
         }
         self.scheduler.did_else(worker, done.busy);
         match self.verify.answered(done.lease, id, sum_of(&done.pixels, &done.error)) {
-            Some(closed) => self.closed(closed).await,
+            Some(closed) => {
+                self.spans.ended(done.lease, "agreed");
+                self.closed(closed).await
+            }
             None => {
+                self.spans.ended(done.lease, "disagreed");
                 self.unassigned.push_front(done.lease.0);
                 self.assign();
                 None
