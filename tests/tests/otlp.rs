@@ -308,7 +308,7 @@ fn an_interrupted_render_sends_what_it_recorded() {
     let collector = Collector::start();
     let (demo, picture) = (scene("demo.xml"), folder.path().join("long.png"));
     let (demo, picture) = (demo.to_str().unwrap(), picture.to_str().unwrap());
-    let mut long = Process::start(
+    let long = Process::start(
         "coordinator",
         &["render", demo, "-o", picture, "--size", "4000x4000", "--samples", "4096", "--otlp", &collector.url],
     );
