@@ -52,7 +52,7 @@ impl Spans {
             State::Paused => info_span!(target: SPANS, parent: &span, "paused"),
             _ => info_span!(target: SPANS, parent: &span, "read scene"),
         };
-        self.0.insert(id, Lane { job: span, state, stage: stage });
+        self.0.insert(id, Lane { job: span, state, stage });
     }
 
     /// A job's scene is read, and the farm renders it: gives its span.
