@@ -10,7 +10,7 @@ use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_proto::PixelFormat;
 use tracing::Span;
-use worker::{Exact, Studio};
+use worker::{Exact, RendererFactory};
 
 use crate::farm::{Canvas, Film, Scratch, Timing};
 use crate::journal::Journal;
@@ -118,7 +118,7 @@ pub struct RenderJob {
     /// Where others see the picture as it grows, if anybody looks.
     pub canvas: Option<Canvas>,
     /// What renders tiles in this process: the tracer, or in tests something else.
-    pub studio: Arc<dyn Studio>,
+    pub factory: Arc<dyn RendererFactory>,
     /// What its spans are under, where they are recorded.
     pub span: Span,
 }
@@ -144,7 +144,7 @@ impl RenderJob {
             scratch: Scratch::default(),
             spent: Duration::ZERO,
             canvas: None,
-            studio: Arc::new(Exact),
+            factory: Arc::new(Exact),
             span: Span::none(),
         }
     }

@@ -18,7 +18,7 @@ use tessera_core::settings::{Sampling, Settings, Transfer, View};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use worker::Studio;
+use worker::RendererFactory;
 
 /// A job to be rendered by a farm of its own; two workers of one thread unless told otherwise.
 #[derive(Clone, Debug)]
@@ -72,10 +72,10 @@ impl Cluster {
         self
     }
 
-    /// Tiles in this process are rendered by `studio`.
+    /// Tiles in this process are rendered by `factory`.
     #[must_use]
-    pub fn studio(mut self, studio: impl Studio + 'static) -> Self {
-        self.job.studio = Arc::new(studio);
+    pub fn factory(mut self, factory: impl RendererFactory + 'static) -> Self {
+        self.job.factory = Arc::new(factory);
         self
     }
 

@@ -27,7 +27,7 @@ pub mod process;
 pub mod program;
 pub mod proxy;
 pub mod reference;
-pub mod studio;
+pub mod renderers;
 pub mod subject;
 pub mod truth;
 pub mod web;

@@ -14,7 +14,7 @@ use tessera_proto::token::{Secret, Token};
 use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::generate;
 use tessera_tests::hostile::{BEAT, GREET, Raw, WORK, bearer};
-use tessera_tests::studio::{Gate, Painted, assert_painted};
+use tessera_tests::renderers::{Gate, Painted, assert_painted};
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
@@ -25,7 +25,7 @@ const UNAUTHENTICATED: Option<i32> = Some(16);
 
 fn painted() -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(WIDTH, 48).tile(16);
-    cluster.studio(Painted).workers(0, 1)
+    cluster.factory(Painted).workers(0, 1)
 }
 
 /// A farm behind `access`, at work.
@@ -46,7 +46,7 @@ fn config(addr: SocketAddr, access: worker::Access) -> Config {
         access,
         threads: 1,
         once: true,
-        studio: Arc::new(Painted),
+        factory: Arc::new(Painted),
         backoff: Backoff { first: Duration::from_millis(20), longest: Duration::from_millis(50) },
         ..Config::new(addr.into())
     }
@@ -75,7 +75,7 @@ async fn keeps_out(addr: SocketAddr, access: worker::Access) {
 async fn whoever_has_the_token_renders_and_so_do_workers_of_the_same_process() {
     let (_folder, _, access) = own_farm();
     let gate = Gate::before(Painted, 2);
-    let mut running = guarded(painted().studio(gate.clone()).workers(1, 1), &access).await;
+    let mut running = guarded(painted().factory(gate.clone()).workers(1, 1), &access).await;
     let (addr, token) = (running.addr, access.token().unwrap());
     let worker = tokio::spawn(async move { comes(addr, by_token(&token)).await });
     running.until(|p| p.workers.len() == 2 && p.workers.iter().all(|w| w.holds > 0)).await;
@@ -146,7 +146,7 @@ async fn a_renewed_token_counts_at_once_and_whoever_is_in_stays_in() {
     let gate = Gate::before(Painted, 2);
     let mut running = guarded(painted(), &access).await;
     let addr = running.addr;
-    let config = Config { studio: Arc::new(gate.clone()), ..config(addr, by_token(&old)) };
+    let config = Config { factory: Arc::new(gate.clone()), ..config(addr, by_token(&old)) };
     let inside = tokio::spawn(worker::run(config, CancellationToken::new()));
     running.until(|p| p.tiles_done == 2).await;
     let new = state.renew_token().unwrap();
@@ -208,7 +208,7 @@ async fn wrong_tokens_without_end_do_not_keep_others_out() {
     let gate = Gate::before(Painted, 1);
     let mut running = guarded(painted(), &access).await;
     let (addr, token) = (running.addr, access.token().unwrap());
-    let config = Config { studio: Arc::new(gate.clone()), ..config(addr, by_token(&token)) };
+    let config = Config { factory: Arc::new(gate.clone()), ..config(addr, by_token(&token)) };
     let worker = tokio::spawn(worker::run(config, CancellationToken::new()));
     running.until(|p| p.tiles_done == 1).await;
     let attackers: Vec<_> = (0..20)

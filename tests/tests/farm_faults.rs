@@ -15,7 +15,7 @@ use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::fake::{self, Fake};
 use tessera_tests::generate;
 use tessera_tests::proxy::{Proxy, Weather};
-use tessera_tests::studio::{Failure, Gate, Painted, Poisoned, assert_painted, paint};
+use tessera_tests::renderers::{Failure, Gate, Painted, Poisoned, assert_painted, paint};
 use tokio_util::sync::CancellationToken;
 use tonic::Code;
 use worker::{Backoff, Config, Left};
@@ -26,24 +26,24 @@ const WIDTH: u32 = 64;
 /// with silent ones.
 fn painted() -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(WIDTH, 48).tile(16).nervous();
-    cluster.studio(Painted).workers(0, 1)
+    cluster.factory(Painted).workers(0, 1)
 }
 
 /// A worker like those from elsewhere: it fetches the scene, and paints.
-fn comes(running: &Running, studio: impl worker::Studio + 'static) -> tokio::task::JoinHandle<Left> {
-    comes_to(running.addr, studio, "painter")
+fn comes(running: &Running, factory: impl worker::RendererFactory + 'static) -> tokio::task::JoinHandle<Left> {
+    comes_to(running.addr, factory, "painter")
 }
 
 fn comes_to(
     addr: std::net::SocketAddr,
-    studio: impl worker::Studio + 'static,
+    factory: impl worker::RendererFactory + 'static,
     name: &str,
 ) -> tokio::task::JoinHandle<Left> {
     let config = Config {
         threads: 1,
         name: name.into(),
         once: true,
-        studio: Arc::new(studio),
+        factory: Arc::new(factory),
         backoff: Backoff { first: Duration::from_millis(20), longest: Duration::from_millis(100) },
         ..Config::new(addr.into())
     };
@@ -316,7 +316,7 @@ async fn a_worker_that_dials_again_takes_the_place_of_its_old_session() {
 #[tokio::test]
 async fn a_tile_that_fails_everywhere_ends_the_render_with_its_place_and_cause() {
     for (failure, words) in [(Failure::Panic, "poison at 20,40"), (Failure::NotANumber, "not finite")] {
-        let cluster = painted().studio(Poisoned { pixel: (20, 40), failure }).workers(2, 1);
+        let cluster = painted().factory(Poisoned { pixel: (20, 40), failure }).workers(2, 1);
         let unfinished = cluster.start().await.end().await.unwrap_err();
         let RenderError::Tile { region, cause, .. } = &unfinished.error else { panic!("{unfinished}") };
         assert_eq!(*region, Region::new(16, 32, 32, 48).unwrap());
@@ -347,7 +347,7 @@ async fn nobody_for_too_long_ends_the_render() {
 #[tokio::test]
 async fn a_stopped_render_keeps_what_is_done() {
     let gate = Gate::before(Painted, 5);
-    let mut running = painted().studio(gate.clone()).workers(2, 1).start().await;
+    let mut running = painted().factory(gate.clone()).workers(2, 1).start().await;
     running.until(|p| p.tiles_done == 5).await;
     running.cancel.cancel();
     let unfinished = running.end().await.unwrap_err();
@@ -378,7 +378,7 @@ async fn workers_may_come_before_there_is_anything_to_render() {
     let brief = Fake::register(farm.addr(), fake::registration("brief"));
     assert!(tokio::time::timeout(Duration::from_millis(200), brief).await.is_err());
     let gate = Gate::before(Painted, 0);
-    let mut running = painted().studio(gate.clone()).workers(1, 1).start_on(farm);
+    let mut running = painted().factory(gate.clone()).workers(1, 1).start_on(farm);
     running.until(|p| p.workers.iter().filter(|w| w.connected).count() == 2).await;
     gate.open();
     assert_painted(&running.end().await.unwrap());

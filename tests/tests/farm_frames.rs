@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
-use tessera_tests::studio::{Painted, assert_painted};
+use tessera_tests::renderers::{Painted, assert_painted};
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 use tokio_util::sync::CancellationToken;
@@ -125,7 +125,7 @@ async fn floods_of_frames_keep_nobody_from_rendering() {
     ];
     for (name, kind) in attacks {
         let cluster = Cluster::of(generate::demo().scene().unwrap()).size(64, 48).tile(16);
-        let running = cluster.studio(Painted).workers(0, 1).start().await;
+        let running = cluster.factory(Painted).workers(0, 1).start().await;
         let (sent, closed) = (Arc::<AtomicU64>::default(), Arc::<AtomicU64>::default());
         let attackers: Vec<_> =
             (0..4).map(|_| tokio::spawn(attack(running.addr, kind, (sent.clone(), closed.clone())))).collect();
@@ -139,7 +139,7 @@ async fn floods_of_frames_keep_nobody_from_rendering() {
             threads: 1,
             name: "painter".into(),
             once: true,
-            studio: Arc::new(Painted),
+            factory: Arc::new(Painted),
             ..Config::new(running.addr.into())
         };
         tokio::spawn(worker::run(config, CancellationToken::new()));

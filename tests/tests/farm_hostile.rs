@@ -14,7 +14,7 @@ use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::fake::{self, Fake};
 use tessera_tests::generate;
 use tessera_tests::hostile::{BEAT, Raw};
-use tessera_tests::studio::{Painted, assert_painted};
+use tessera_tests::renderers::{Painted, assert_painted};
 use tokio::io::AsyncWriteExt;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinHandle;
@@ -26,7 +26,7 @@ const WIDTH: u32 = 64;
 
 fn painted() -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(WIDTH, 48).tile(16);
-    cluster.studio(Painted).workers(0, 1)
+    cluster.factory(Painted).workers(0, 1)
 }
 
 fn config(addr: SocketAddr, name: &str) -> Config {
@@ -34,7 +34,7 @@ fn config(addr: SocketAddr, name: &str) -> Config {
         threads: 1,
         name: name.into(),
         once: true,
-        studio: Arc::new(Painted),
+        factory: Arc::new(Painted),
         backoff: Backoff { first: Duration::from_millis(20), longest: Duration::from_millis(100) },
         ..Config::new(addr.into())
     }
@@ -148,7 +148,7 @@ async fn light_and_rays_that_no_scene_has_are_not_taken() {
 
 #[tokio::test]
 async fn names_disturb_no_line_and_pass_for_nobody_elses() {
-    let mut running = painted().workers(1, 1).studio(tessera_tests::studio::Gate::before(Painted, 0)).start().await;
+    let mut running = painted().workers(1, 1).factory(tessera_tests::renderers::Gate::before(Painted, 0)).start().await;
     running.until(|p| p.workers.len() == 1).await;
     let odd = "a\u{202e}b\u{2028}c\u{1b}[2J";
     let _one = Fake::ready(running.addr, odd).await;
@@ -217,10 +217,10 @@ async fn a_scene_larger_than_a_worker_allows_is_not_taken_and_the_reason_is_told
 #[tokio::test]
 async fn a_worker_told_to_leave_does_not_wait_for_a_tile_without_end() {
     let mut running = painted().start().await;
-    let gate = tessera_tests::studio::Gate::before(Painted, 0);
+    let gate = tessera_tests::renderers::Gate::before(Painted, 0);
     let config = Config {
         leave_within: Duration::from_millis(50),
-        studio: Arc::new(gate.clone()),
+        factory: Arc::new(gate.clone()),
         ..config(running.addr, "stuck")
     };
     let stop = CancellationToken::new();

@@ -15,14 +15,14 @@ use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
 use tessera_tests::journal::Contents;
-use tessera_tests::studio::{Gate, Painted, assert_painted};
-use worker::{Studio, TileTracer};
+use tessera_tests::renderers::{Gate, Painted, assert_painted};
+use worker::{RendererFactory, TileTracer};
 
 const WHOLE: Region = Region { x0: 5, y0: 9, x1: 405, y1: 309 };
 
 /// A part of a picture of which every pixel shows where it belongs.
 fn painted() -> Cluster {
-    let mut cluster = Cluster::of(generate::demo().scene().unwrap()).size(500, 400).studio(Painted);
+    let mut cluster = Cluster::of(generate::demo().scene().unwrap()).size(500, 400).factory(Painted);
     cluster.job.region = WHOLE;
     cluster
 }
@@ -31,7 +31,7 @@ fn painted() -> Cluster {
 #[derive(Clone, Debug, Default)]
 struct Counted(Arc<AtomicU64>);
 
-impl Studio for Counted {
+impl RendererFactory for Counted {
     fn open(&self, _: Arc<PreparedScene>, _: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
         Ok(Arc::new(self.clone()))
     }
@@ -51,7 +51,7 @@ fn journal(path: &Path) -> Arc<Journal> {
 
 /// Renders `tiles` tiles and stops.
 async fn begin(path: &Path, tile: TileSize, tiles: i64) {
-    let mut cluster = painted().studio(Gate::before(Painted, tiles));
+    let mut cluster = painted().factory(Gate::before(Painted, tiles));
     cluster.job.tile = tile;
     let journal = journal(path);
     cluster.job.journal = Some(journal.clone());
@@ -87,7 +87,7 @@ async fn what_is_kept_is_not_rendered_again_whatever_else_changes() {
         let shown = Partial::read(&path).unwrap();
         assert_eq!(shown.present.iter().filter(|&&p| p).count() as u64, kept);
         let counted = Counted::default();
-        let mut cluster = painted().workers(workers, 1).studio(counted.clone());
+        let mut cluster = painted().workers(workers, 1).factory(counted.clone());
         cluster.job.tile = then;
         let journal = journal(&path);
         cluster.job.journal = Some(journal.clone());
@@ -136,7 +136,7 @@ fn a_picture_is_finished_though_all_blocking_threads_are_taken() {
     runtime.block_on(async {
         let at = tempfile::tempdir().unwrap();
         let gate = Gate::before(Painted, 3);
-        let mut cluster = painted().tile(32).studio(gate.clone());
+        let mut cluster = painted().tile(32).factory(gate.clone());
         cluster.job.journal = Some(journal(&at.path().join("journal")));
         let mut running = cluster.start().await;
         running.until(|p| p.tiles_done >= 3).await;

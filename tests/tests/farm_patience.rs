@@ -9,28 +9,32 @@ use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::fake::{self, Fake};
 use tessera_tests::generate;
 use tessera_tests::proxy::Proxy;
-use tessera_tests::studio::{Gate, Painted, assert_painted};
+use tessera_tests::renderers::{Gate, Painted, assert_painted};
 use tokio_util::sync::CancellationToken;
 use worker::{Backoff, Config, Left};
 
 fn painted(width: u32, height: u32, tile: u32) -> Cluster {
     let cluster = Cluster::of(generate::demo().scene().unwrap()).size(width, height).tile(tile).nervous();
-    cluster.studio(Painted).workers(0, 1)
+    cluster.factory(Painted).workers(0, 1)
 }
 
-fn config(addr: std::net::SocketAddr, studio: impl worker::Studio + 'static, name: &str) -> Config {
+fn config(addr: std::net::SocketAddr, factory: impl worker::RendererFactory + 'static, name: &str) -> Config {
     Config {
         threads: 1,
         name: name.into(),
         once: true,
-        studio: Arc::new(studio),
+        factory: Arc::new(factory),
         backoff: Backoff { first: Duration::from_millis(20), longest: Duration::from_millis(100) },
         ..Config::new(addr.into())
     }
 }
 
-fn comes(running: &Running, studio: impl worker::Studio + 'static, name: &str) -> tokio::task::JoinHandle<Left> {
-    let config = config(running.addr, studio, name);
+fn comes(
+    running: &Running,
+    factory: impl worker::RendererFactory + 'static,
+    name: &str,
+) -> tokio::task::JoinHandle<Left> {
+    let config = config(running.addr, factory, name);
     tokio::spawn(async move { worker::run(config, CancellationToken::new()).await.unwrap() })
 }
 

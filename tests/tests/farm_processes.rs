@@ -14,7 +14,7 @@ use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::generate;
 use tessera_tests::process::Process;
 use tessera_tests::program;
-use tessera_tests::studio::{Gate, Painted, assert_painted};
+use tessera_tests::renderers::{Gate, Painted, assert_painted};
 use tokio_util::sync::CancellationToken;
 use worker::Config;
 
@@ -38,7 +38,7 @@ fn painter(running: &Running) {
         threads: 1,
         once: true,
         name: "painter".into(),
-        studio: Arc::new(Painted),
+        factory: Arc::new(Painted),
         ..Config::new(running.addr.into())
     };
     tokio::spawn(async move { worker::run(config, CancellationToken::new()).await.unwrap() });
@@ -124,7 +124,7 @@ async fn a_stopped_process_does_not_hold_the_end_up() {
 #[tokio::test]
 async fn a_worker_that_joins_at_half_takes_its_part_and_the_bits_are_the_same() {
     let gate = Gate::after(150);
-    let cluster = Cluster::of(generate::demo().scene().unwrap()).tile(8).studio(gate.clone());
+    let cluster = Cluster::of(generate::demo().scene().unwrap()).tile(8).factory(gate.clone());
     let prepared = Arc::new(PreparedScene::build(cluster.job.scene.scene().clone()));
     let wanted = Tracer::new(prepared, cluster.job.settings).unwrap().render(cluster.job.region).0;
     let mut running = cluster.start().await;

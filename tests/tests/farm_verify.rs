@@ -10,10 +10,10 @@ use tessera_core::settings::Sampling;
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
-use tessera_tests::studio::{Liar, Lie};
+use tessera_tests::renderers::{Liar, Lie};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use worker::{Config, Exact, Left, Studio, WorkerError};
+use worker::{Config, Exact, Left, RendererFactory, WorkerError};
 
 fn demo() -> Cluster {
     Cluster::of(generate::demo().scene().unwrap()).size(256, 192).tile(16)
@@ -31,9 +31,13 @@ fn directly(cluster: &Cluster) -> Pixels {
     Pixels::F32(Tracer::new(prepared, cluster.job.settings).unwrap().render(cluster.job.region).0.pixels)
 }
 
-fn comes(addr: SocketAddr, name: &str, studio: impl Studio + 'static) -> JoinHandle<Result<Left, WorkerError>> {
+fn comes(
+    addr: SocketAddr,
+    name: &str,
+    factory: impl RendererFactory + 'static,
+) -> JoinHandle<Result<Left, WorkerError>> {
     let config =
-        Config { threads: 1, name: name.into(), once: true, studio: Arc::new(studio), ..Config::new(addr.into()) };
+        Config { threads: 1, name: name.into(), once: true, factory: Arc::new(factory), ..Config::new(addr.into()) };
     tokio::spawn(worker::run(config, CancellationToken::new()))
 }
 
@@ -71,7 +75,7 @@ async fn a_liar_is_found_named_and_thrown_out_and_its_tiles_are_rendered_again()
 
 #[tokio::test]
 async fn a_liar_of_the_same_process_is_found_too() {
-    let mut cluster = demo().workers(1, 1).studio(Liar::once_in(50, Lie::Pixel));
+    let mut cluster = demo().workers(1, 1).factory(Liar::once_in(50, Lie::Pixel));
     cluster.job.verify = 1.0;
     let wanted = directly(&cluster);
     let mut running = cluster.start().await;

@@ -15,9 +15,9 @@ use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_tests::cluster::Cluster;
 use tessera_tests::generate;
 use tessera_tests::journal::Contents;
-use tessera_tests::studio::{Gate, Liar, Lie};
+use tessera_tests::renderers::{Gate, Liar, Lie};
 use tokio_util::sync::CancellationToken;
-use worker::{Config, Exact, Studio};
+use worker::{Config, Exact, RendererFactory};
 
 /// A share that draws nothing beyond the first two tiles of a worker.
 const NEXT_TO_NOTHING: f64 = 1e-12;
@@ -44,9 +44,9 @@ async fn journal(path: &Path) -> Arc<Journal> {
     }
 }
 
-fn comes(addr: SocketAddr, name: &str, studio: impl Studio + 'static) {
+fn comes(addr: SocketAddr, name: &str, factory: impl RendererFactory + 'static) {
     let config =
-        Config { threads: 1, name: name.into(), once: true, studio: Arc::new(studio), ..Config::new(addr.into()) };
+        Config { threads: 1, name: name.into(), once: true, factory: Arc::new(factory), ..Config::new(addr.into()) };
     tokio::spawn(worker::run(config, CancellationToken::new()));
 }
 
@@ -54,15 +54,15 @@ fn comes(addr: SocketAddr, name: &str, studio: impl Studio + 'static) {
 async fn begin(
     mut cluster: Cluster,
     path: &Path,
-    workers: Vec<(&str, Arc<dyn Studio>)>,
+    workers: Vec<(&str, Arc<dyn RendererFactory>)>,
     so: impl FnMut(&coordinator::Progress) -> bool,
     kept: impl Fn(&Contents) -> bool,
 ) -> Contents {
     let journal = journal(path).await;
     cluster.job.journal = Some(journal.clone());
     let mut running = cluster.start().await;
-    for (n, (name, studio)) in workers.into_iter().enumerate() {
-        let config = Config { threads: 1, name: name.into(), once: true, studio, ..Config::new(running.addr.into()) };
+    for (n, (name, factory)) in workers.into_iter().enumerate() {
+        let config = Config { threads: 1, name: name.into(), once: true, factory, ..Config::new(running.addr.into()) };
         tokio::spawn(worker::run(config, CancellationToken::new()));
         running.until(|p| p.workers.len() > n).await;
     }
@@ -93,7 +93,7 @@ async fn what_was_confirmed_is_not_checked_again_and_all_else_is() {
     let at = tempfile::tempdir().unwrap();
     let path = at.path().join("journal");
     let wanted = directly(&demo(0.0));
-    let honest: Arc<dyn Studio> = Arc::new(Gate::before(Exact, 60));
+    let honest: Arc<dyn RendererFactory> = Arc::new(Gate::before(Exact, 60));
     let workers = vec![("anna", honest.clone()), ("otto", honest)];
     let kept = begin(demo(1.0), &path, workers, |p| p.tiles_done >= 30, |kept| !kept.checked.is_empty()).await;
     assert!(kept.head.as_ref().unwrap().verified);
@@ -112,7 +112,7 @@ async fn lies_of_an_earlier_run_that_nobody_noticed_are_found_and_redone() {
     let at = tempfile::tempdir().unwrap();
     let path = at.path().join("journal");
     let wanted = directly(&demo(0.0));
-    let liar: Arc<dyn Studio> = Arc::new(Gate::before(Liar::once_in(5, Lie::Pixel), 40));
+    let liar: Arc<dyn RendererFactory> = Arc::new(Gate::before(Liar::once_in(5, Lie::Pixel), 40));
     let both = |kept: &Contents| kept.checked.len() == 2;
     let kept = begin(demo(NEXT_TO_NOTHING), &path, vec![("liar", liar)], |p| p.tiles_done >= 39, both).await;
     assert!(kept.thrown_out.is_empty() && both(&kept));
@@ -128,7 +128,7 @@ async fn whoever_was_thrown_out_stays_out_and_what_it_made_does_not_return() {
     let at = tempfile::tempdir().unwrap();
     let path = at.path().join("journal");
     let wanted = directly(&demo(0.0));
-    let (liar, honest): (Arc<dyn Studio>, Arc<dyn Studio>) =
+    let (liar, honest): (Arc<dyn RendererFactory>, Arc<dyn RendererFactory>) =
         (Arc::new(Liar::once_in(12, Lie::Pixel)), Arc::new(Gate::before(Exact, 80)));
     let found = |p: &coordinator::Progress| p.workers.iter().any(|w| w.name == "liar" && w.left.is_some());
     let kept = begin(demo(1.0), &path, vec![("liar", liar), ("anna", honest)], found, |_| true).await;
@@ -157,7 +157,7 @@ async fn an_adaptive_render_goes_on_through_its_passes() {
     let wanted = quiet.start().await.end().await.unwrap();
     let mut passes = 0;
     for tiles in [60, 240, 400, 240, 100] {
-        let honest: Arc<dyn Studio> = Arc::new(Gate::before(Exact, tiles));
+        let honest: Arc<dyn RendererFactory> = Arc::new(Gate::before(Exact, tiles));
         // Looks are checked whole, and of the rest a part: so many of those that are let through are tiles at least.
         let done = tiles as u64 / 4;
         let mut cluster = cluster();
@@ -169,7 +169,7 @@ async fn an_adaptive_render_goes_on_through_its_passes() {
                 threads: 1,
                 name: name.into(),
                 once: true,
-                studio: honest.clone(),
+                factory: honest.clone(),
                 ..Config::new(running.addr.into())
             };
             tokio::spawn(worker::run(config, CancellationToken::new()));
@@ -196,7 +196,7 @@ async fn an_adaptive_render_goes_on_through_its_passes() {
 async fn a_render_does_not_go_on_with_other_words_about_verification() {
     let at = tempfile::tempdir().unwrap();
     let path = at.path().join("journal");
-    let honest: Arc<dyn Studio> = Arc::new(Gate::before(Exact, 20));
+    let honest: Arc<dyn RendererFactory> = Arc::new(Gate::before(Exact, 20));
     begin(demo(0.0), &path, vec![("anna", honest)], |p| p.tiles_done >= 5, |_| true).await;
     let journal = journal(&path).await;
     let check = |verify: f64| journal.check(&Head::of(&demo(verify).job)).map_err(|e| e.to_string());

@@ -6,7 +6,7 @@ use tessera_core::settings::Settings;
 use tessera_core::trace::PreparedScene;
 use tessera_proto::SceneHash;
 
-use crate::studio::TileTracer;
+use crate::renderer::TileTracer;
 
 /// Settings of one scene whose tracers are kept.
 const TRACERS: usize = 4;

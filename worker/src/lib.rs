@@ -9,14 +9,14 @@ mod address;
 mod backoff;
 mod cache;
 mod error;
-mod heart;
+mod heartbeat;
 mod memory;
 pub mod otlp;
 mod prepare;
 mod render;
+mod renderer;
 mod session;
 pub mod spans;
-mod studio;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -32,8 +32,8 @@ pub use backoff::Backoff;
 pub use error::WorkerError;
 pub use memory::{Bytes, default_limit};
 pub use render::encode_tile;
+pub use renderer::{Exact, RendererFactory, TileTracer};
 pub use session::{Credentials, dial};
-pub use studio::{Exact, Studio, TileTracer};
 
 use cache::SceneCache;
 use session::{Outcome, Session};
@@ -60,7 +60,7 @@ pub struct Config {
     /// How long a tile at work may go on when this worker is asked to leave; then its lease is given back.
     pub leave_within: Duration,
     /// What renders tiles.
-    pub studio: Arc<dyn Studio>,
+    pub factory: Arc<dyn RendererFactory>,
     /// How long to wait between attempts to connect.
     pub backoff: Backoff,
     /// How long to try without being welcomed by a coordinator; for ever where there is no end to it.
@@ -83,7 +83,7 @@ impl Config {
             max_memory: default_limit(),
             cache: default_limit() / 2,
             leave_within: Duration::from_secs(20),
-            studio: Arc::new(Exact),
+            factory: Arc::new(Exact),
             backoff: Backoff::default(),
             give_up_after: None,
             lifetime: None,

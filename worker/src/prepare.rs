@@ -18,9 +18,9 @@ use tracing::info_span;
 
 use crate::memory::{prepared_bytes, too_large};
 use crate::render::JobTracer;
+use crate::renderer::TileTracer;
 use crate::session::{Client, Outcome, Session};
 use crate::spans::{SPANS, context_of, under};
-use crate::studio::TileTracer;
 
 /// How long a piece of the scene may take to come.
 const PIECE_WITHIN: Duration = Duration::from_secs(30);
@@ -103,8 +103,8 @@ impl Session {
                 prepared
             }
         };
-        let (studio, settings) = (self.config.studio.clone(), job.settings);
-        match self.on_pool(move || studio.open(prepared, settings)).await? {
+        let (factory, settings) = (self.config.factory.clone(), job.settings);
+        match self.on_pool(move || factory.open(prepared, settings)).await? {
             Ok(tracer) => {
                 self.cache.put_tracer(hash, settings, tracer.clone());
                 Ok(tracer)

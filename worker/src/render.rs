@@ -19,8 +19,8 @@ use tokio::sync::mpsc;
 use tracing::field::Empty;
 use tracing::{Span, info_span};
 
+use crate::renderer::TileTracer;
 use crate::spans::{SPANS, under};
-use crate::studio::TileTracer;
 
 /// What renders a job's tiles, and how they travel.
 pub(crate) struct JobTracer {
@@ -48,9 +48,9 @@ impl JobTracer {
 ///
 /// Deliveries go into a bounded channel: where the network is slower than the threads, the
 /// threads wait, and memory does not grow. When it is dropped, what is at work is given up.
-pub(crate) struct Foreman(Arc<Inner>);
+pub(crate) struct LeaseQueue(Arc<Inner>);
 
-impl Drop for Foreman {
+impl Drop for LeaseQueue {
     fn drop(&mut self) {
         self.clear();
         self.give_up();
@@ -90,7 +90,7 @@ struct Desk {
     last_sent: Instant,
 }
 
-impl Foreman {
+impl LeaseQueue {
     pub(crate) fn new(pool: Arc<ThreadPool>, out: mpsc::Sender<WorkerMessage>) -> Self {
         let at_once = if pool.current_num_threads() > 1 { 2 } else { 1 };
         let now = Instant::now();
@@ -305,7 +305,7 @@ mod tests {
         let held = Arc::new(Mutex::new(()));
         let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
         let (out, mut delivered) = mpsc::channel(1);
-        let foreman = Foreman::new(pool, out);
+        let foreman = LeaseQueue::new(pool, out);
         assert!(!foreman.take(lease(0), 0), "no job is ready");
         let (format, transfer) = (PixelFormat::Rgb8, Transfer::Linear);
         foreman.turn_to(Some(JobTracer { tracer: Arc::new(Held(held.clone())), format, transfer, trace: None }));
@@ -345,7 +345,7 @@ mod tests {
     fn a_tile_without_end_is_stopped_when_it_is_revoked_and_when_the_session_ends() {
         let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
         let (out, mut delivered) = mpsc::channel(4);
-        let foreman = Foreman::new(pool.clone(), out);
+        let foreman = LeaseQueue::new(pool.clone(), out);
         let (format, transfer) = (PixelFormat::Rgb8, Transfer::Linear);
         foreman.turn_to(Some(JobTracer { tracer: Arc::new(Endless), format, transfer, trace: None }));
         let begun = |id| {

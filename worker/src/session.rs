@@ -28,9 +28,9 @@ use tonic::{Code, Request, Status, Streaming};
 use tracing::{Span, info_span};
 
 use crate::cache::SceneCache;
-use crate::heart::beat;
+use crate::heartbeat::beat;
 use crate::prepare::{Prepared, Preparing};
-use crate::render::Foreman;
+use crate::render::LeaseQueue;
 use crate::spans::{SPANS, context_of, under};
 use crate::{Access, Address, Config};
 
@@ -273,7 +273,7 @@ async fn hear(inbox: &mut Streaming<CoordinatorMessage>) -> Result<Option<Hear>,
 impl Talk {
     async fn work(mut self, session: &Session, stop: &CancellationToken) -> Result<Outcome, Outcome> {
         let _heart = Ended(self.heart.abort_handle());
-        let foreman = Foreman::new(session.pool.clone(), self.out.clone());
+        let foreman = LeaseQueue::new(session.pool.clone(), self.out.clone());
         // The job that comes next, while it is made ready; what comes meanwhile is heard.
         let mut next: Option<Preparing<'_>> = None;
         loop {
@@ -328,7 +328,7 @@ impl Talk {
 
     /// Leaves in order: returns what was not begun, delivers what ends within `patience`, returns the rest, and
     /// ends this half.
-    async fn drain(mut self, foreman: Foreman, patience: Duration) -> Result<Outcome, Outcome> {
+    async fn drain(mut self, foreman: LeaseQueue, patience: Duration) -> Result<Outcome, Outcome> {
         tracing::info!("leaving after the tile at work");
         say(&self.out, Say::Draining(wire::Draining {})).await?;
         for lease in foreman.clear() {
@@ -390,7 +390,7 @@ async fn give_back(out: &mpsc::Sender<WorkerMessage>, lease: &Lease) -> Result<(
 }
 
 /// Says that a job is ready, or why it never will be here.
-async fn answer(out: &mpsc::Sender<WorkerMessage>, foreman: &Foreman, prepared: Prepared) -> Result<(), Outcome> {
+async fn answer(out: &mpsc::Sender<WorkerMessage>, foreman: &LeaseQueue, prepared: Prepared) -> Result<(), Outcome> {
     match prepared {
         Prepared::Ready(number, job) => {
             foreman.turn_to(Some(job));

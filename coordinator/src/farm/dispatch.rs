@@ -17,10 +17,10 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
-use super::pulse::Pulse;
+use super::liveness::LastSign;
 use super::roster::Roster;
 use super::run::{Finished as FinishedRun, Note, Run};
-use super::service::{Door, Heard, Mouth, Offer, Said};
+use super::service::{FarmEvent, Offer, Outbox, Shared, WorkerEvent};
 use super::shares::Shares;
 use super::timing::Timing;
 use crate::job::{Progress, RenderError, RenderJob, WorkerStats};
@@ -32,9 +32,9 @@ const SHARE_EVERY: Duration = Duration::from_millis(250);
 pub(crate) const FARM: &str = "farm";
 
 /// A worker that is connected.
-struct Seat {
-    session: SessionId,
-    mouth: Mouth,
+struct Session {
+    session_id: SessionId,
+    outbox: Outbox,
     cut: CancellationToken,
     id: WorkerId,
     instance: InstanceId,
@@ -43,8 +43,8 @@ struct Seat {
     threads: u32,
     /// Whether it is one of this process.
     own: bool,
-    pulse: Pulse,
-    /// Its pulse when it was last looked at, and when that changed.
+    last_sign: LastSign,
+    /// Its last sign of life when it was last looked at, and when that changed.
     felt: (u64, Instant),
     /// Whether it will leave, and whether that is since it was told to.
     draining: bool,
@@ -100,17 +100,17 @@ pub(crate) struct WorkerView {
 
 /// See the [module](self).
 pub(super) struct Dispatcher {
-    door: Arc<Door>,
-    heard: mpsc::Receiver<Heard>,
+    shared: Arc<Shared>,
+    heard: mpsc::Receiver<FarmEvent>,
     timing: Timing,
     /// Workers of this process that will come.
     hired: usize,
     runs: BTreeMap<JobNumber, Active>,
-    seats: BTreeMap<WorkerKey, Seat>,
+    sessions: BTreeMap<WorkerKey, Session>,
     roster: Roster,
     figures: Vec<WorkerStats>,
     shares: Shares,
-    shared: Instant,
+    allotted: Instant,
     share_at: Instant,
     next_worker: u64,
     views: watch::Sender<Vec<WorkerView>>,
@@ -125,19 +125,19 @@ struct Active {
 }
 
 impl Dispatcher {
-    pub(super) fn new(door: Arc<Door>, heard: mpsc::Receiver<Heard>, timing: Timing, hired: usize) -> Self {
+    pub(super) fn new(shared: Arc<Shared>, heard: mpsc::Receiver<FarmEvent>, timing: Timing, hired: usize) -> Self {
         let now = Instant::now();
         Self {
-            door,
+            shared,
             heard,
             timing,
             hired,
             runs: BTreeMap::new(),
-            seats: BTreeMap::new(),
+            sessions: BTreeMap::new(),
             roster: Roster::default(),
             figures: Vec::new(),
             shares: Shares::default(),
-            shared: now,
+            allotted: now,
             share_at: now,
             next_worker: 0,
             views: watch::channel(Vec::new()).0,
@@ -236,10 +236,10 @@ impl Dispatcher {
         standing: Standing,
         (progress, end): (watch::Sender<Progress>, Option<oneshot::Sender<FinishedRun>>),
     ) -> Result<(), RenderError> {
-        self.door.offer(number, offer);
-        let run = Run::start(number, job, progress, self.door.heard.clone(), self.hired);
+        self.shared.offer(number, offer);
+        let run = Run::start(number, job, progress, self.shared.heard.clone(), self.hired);
         let mut run = run.inspect_err(|_| {
-            let _ = self.door.withdraw(number);
+            let _ = self.shared.withdraw(number);
         })?;
         run.begin_first().await;
         self.runs.insert(number, Active { run, standing, end });
@@ -265,7 +265,7 @@ impl Dispatcher {
             }
             Order::Forget(hash) => self.forget(hash),
             Order::Drain(name) => {
-                let worker = self.seats.iter().find(|(_, s)| s.name == name).map(|(&worker, _)| worker);
+                let worker = self.sessions.iter().find(|(_, s)| s.name == name).map(|(&worker, _)| worker);
                 if let Some(worker) = worker {
                     self.retire(worker).await;
                 }
@@ -292,75 +292,77 @@ impl Dispatcher {
 
     /// A job is over: nobody renders for it any more.
     fn free(&mut self, number: JobNumber) {
-        let _ = self.door.withdraw(number);
-        for seat in self.seats.values_mut() {
-            if seat.job == Some(number) {
-                seat.job = None;
+        let _ = self.shared.withdraw(number);
+        for session in self.sessions.values_mut() {
+            if session.job == Some(number) {
+                session.job = None;
             }
-            seat.unable.remove(&number);
+            session.unable.remove(&number);
         }
     }
 
     /// Tells workers that they need not keep a scene.
     fn forget(&mut self, hash: SceneHash) {
-        if self.door.keeps(hash) {
+        if self.shared.keeps(hash) {
             return;
         }
-        for seat in self.seats.values() {
+        for session in self.sessions.values() {
             let forget = Forget { scene_sha256: hash.0.to_vec() };
             // Where there is no room for it, the worker drops the scene when it needs the memory.
-            let _ = seat.mouth.try_send(Ok(CoordinatorMessage { kind: Some(Kind::Forget(forget)) }));
+            let _ = session.outbox.try_send(Ok(CoordinatorMessage { kind: Some(Kind::Forget(forget)) }));
         }
     }
 
-    async fn hear(&mut self, heard: Heard) {
+    async fn hear(&mut self, heard: FarmEvent) {
         match heard {
-            Heard::Joined(joined) => self.admit(joined).await,
-            Heard::Left { worker, cause } => self.left(worker, &cause).await,
-            Heard::Decided { check, sum } => {
+            FarmEvent::Joined(joined) => self.admit(joined).await,
+            FarmEvent::Left { worker, cause } => self.left(worker, &cause).await,
+            FarmEvent::Decided { check, sum } => {
                 let number = LeaseId(check).job();
                 if let Some(active) = self.runs.get_mut(&number) {
                     active.run.decides(check, sum).await;
                 }
                 self.noted(number).await;
             }
-            Heard::Described(number) => self.tell_job(number),
+            FarmEvent::Described(number) => self.tell_job(number),
             // Words that were on their way when the session ended.
-            Heard::Said { worker, said } if self.seats.contains_key(&worker) => self.said(worker, said).await,
-            Heard::Said { .. } => {}
+            FarmEvent::Said { worker, said } if self.sessions.contains_key(&worker) => self.said(worker, said).await,
+            FarmEvent::Said { .. } => {}
         }
     }
 
-    async fn said(&mut self, worker: WorkerKey, said: Said) {
+    async fn said(&mut self, worker: WorkerKey, said: WorkerEvent) {
         let number = match &said {
-            Said::Done(done) => Some(done.lease.job()),
-            Said::Failed { lease, .. } | Said::Returned { lease, .. } | Said::Stale(lease) => Some(lease.job()),
-            Said::Ready(number) | Said::Unable(number, _) => Some(*number),
-            Said::Draining => {
+            WorkerEvent::Done(done) => Some(done.lease.job()),
+            WorkerEvent::Failed { lease, .. } | WorkerEvent::Returned { lease, .. } | WorkerEvent::Stale(lease) => {
+                Some(lease.job())
+            }
+            WorkerEvent::Ready(number) | WorkerEvent::Unable(number, _) => Some(*number),
+            WorkerEvent::Draining => {
                 return self.drains(worker).await;
             }
-            Said::Nonsense(_) => None,
+            WorkerEvent::Nonsense(_) => None,
         };
-        let seat_job = self.seats.get(&worker).and_then(|s| s.job);
+        let session_job = self.sessions.get(&worker).and_then(|s| s.job);
         match (number, said) {
-            (_, Said::Nonsense(rule)) => self.cut_off(worker, CutOff::Broke(rule)).await,
-            (Some(number), Said::Unable(_, cause)) => {
-                if let Some(seat) = self.seats.get_mut(&worker) {
-                    seat.unable.insert(number);
-                    seat.job = seat.job.filter(|job| *job != number);
-                    tracing::warn!(target: FARM, "{} cannot render this: {cause}", seat.name);
+            (_, WorkerEvent::Nonsense(rule)) => self.cut_off(worker, CutOff::Broke(rule)).await,
+            (Some(number), WorkerEvent::Unable(_, cause)) => {
+                if let Some(session) = self.sessions.get_mut(&worker) {
+                    session.unable.insert(number);
+                    session.job = session.job.filter(|job| *job != number);
+                    tracing::warn!(target: FARM, "{} cannot render this: {cause}", session.name);
                 }
-                self.pass_on(number, worker, Said::Unable(number, cause)).await;
+                self.pass_on(number, worker, WorkerEvent::Unable(number, cause)).await;
                 self.share().await;
             }
             // It was given to another job meanwhile, or it is over.
-            (Some(number), Said::Ready(_)) if seat_job != Some(number) && self.door.was_given(number) => {}
-            (Some(number), Said::Ready(_)) if seat_job != Some(number) => {
+            (Some(number), WorkerEvent::Ready(_)) if session_job != Some(number) && self.shared.was_given(number) => {}
+            (Some(number), WorkerEvent::Ready(_)) if session_job != Some(number) => {
                 self.cut_off(worker, CutOff::Broke("it is ready for a job that there is not".into())).await;
             }
             (Some(number), said) if self.runs.contains_key(&number) => self.pass_on(number, worker, said).await,
             // An answer to a lease of a job that is over comes late; else there was never such a lease.
-            (Some(number), _) if !self.door.was_given(number) => {
+            (Some(number), _) if !self.shared.was_given(number) => {
                 self.cut_off(worker, CutOff::Broke("it answered a lease which it does not hold".into())).await;
             }
             _ => {}
@@ -368,12 +370,12 @@ impl Dispatcher {
     }
 
     /// Tells a job what a worker said.
-    async fn pass_on(&mut self, number: JobNumber, worker: WorkerKey, said: Said) {
+    async fn pass_on(&mut self, number: JobNumber, worker: WorkerKey, said: WorkerEvent) {
         if let Some(active) = self.runs.get_mut(&number) {
             active.run.said(worker, said).await;
         }
         self.noted(number).await;
-        if self.seats.get(&worker).is_some_and(|s| s.retired) {
+        if self.sessions.get(&worker).is_some_and(|s| s.retired) {
             self.dismiss_retired(worker);
         }
     }
@@ -386,7 +388,7 @@ impl Dispatcher {
                 match note {
                     Note::Counted { worker, pixels, rays, busy } => self.counted(worker, pixels, rays, busy),
                     Note::Lost { worker, tiles } => {
-                        let place = self.seats.get(&worker).map(|s| s.place);
+                        let place = self.sessions.get(&worker).map(|s| s.place);
                         if let Some(w) = place.and_then(|p| self.figures.get_mut(p)) {
                             w.lost += tiles;
                         }
@@ -397,17 +399,17 @@ impl Dispatcher {
                         }
                     }
                     Note::CutOff { worker, why, cause, lost } => {
-                        if let (CutOff::Broke(rule), Some(seat)) = (&why, self.seats.get(&worker)) {
-                            self.roster.ban(seat.id, rule.clone());
+                        if let (CutOff::Broke(rule), Some(session)) = (&why, self.sessions.get(&worker)) {
+                            self.roster.ban(session.id, rule.clone());
                         }
-                        if let Some(seat) = self.seats.get_mut(&worker) {
-                            seat.lost += lost;
+                        if let Some(session) = self.sessions.get_mut(&worker) {
+                            session.lost += lost;
                         }
-                        self.unseat(worker, &cause).await;
+                        self.end_session_of(worker, &cause).await;
                     }
                     Note::Ban { id, rule } => {
                         self.roster.ban(id, rule.clone());
-                        let worker = self.seats.iter().find(|(_, s)| s.id == id).map(|(&worker, _)| worker);
+                        let worker = self.sessions.iter().find(|(_, s)| s.id == id).map(|(&worker, _)| worker);
                         // Where it is with this job, that ends its session itself.
                         if let Some(worker) = worker.filter(|w| !self.is_with(number, *w)) {
                             self.cut_off(worker, CutOff::Broke(rule)).await;
@@ -423,7 +425,7 @@ impl Dispatcher {
     }
 
     fn counted(&mut self, worker: WorkerKey, pixels: u64, rays: RayCounts, busy: Duration) {
-        let place = self.seats.get(&worker).map(|s| s.place);
+        let place = self.sessions.get(&worker).map(|s| s.place);
         if let Some(w) = place.and_then(|p| self.figures.get_mut(p)) {
             w.tiles += 1;
             w.pixels += pixels;
@@ -437,15 +439,15 @@ impl Dispatcher {
         if self.views.receiver_count() == 0 {
             return;
         }
-        for (&worker, seat) in &self.seats {
-            let holds = seat.job.and_then(|n| self.runs.get(&n)).is_some_and(|a| !a.run.is_idle(worker));
-            if let Some(w) = self.figures.get_mut(seat.place) {
+        for (&worker, session) in &self.sessions {
+            let holds = session.job.and_then(|n| self.runs.get(&n)).is_some_and(|a| !a.run.is_idle(worker));
+            if let Some(w) = self.figures.get_mut(session.place) {
                 w.holds = usize::from(holds);
             }
         }
-        let views = self.seats.values().filter_map(|seat| {
-            let stats = self.figures.get(seat.place)?.clone();
-            Some(WorkerView { stats, job: seat.job, draining: seat.draining })
+        let views = self.sessions.values().filter_map(|session| {
+            let stats = self.figures.get(session.place)?.clone();
+            Some(WorkerView { stats, job: session.job, draining: session.draining })
         });
         self.views.send_replace(views.collect());
     }

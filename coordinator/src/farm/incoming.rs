@@ -18,7 +18,7 @@ use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 use tonic::transport::server::Connected;
 
 use super::gate::{Connection, Gate};
-use super::pulse::Pulse;
+use super::liveness::LastSign;
 use super::strangers::Strangers;
 use crate::access::Guarded;
 
@@ -36,7 +36,7 @@ pub(super) struct Peer {
     pub(super) address: SocketAddr,
     pub(super) connection: Arc<Connection>,
     pub(super) standing: Standing,
-    pub(super) pulse: Pulse,
+    pub(super) last_sign: LastSign,
 }
 
 /// What a connection has shown.
@@ -52,7 +52,7 @@ pub(super) enum Standing {
 
 /// What connections are held against.
 #[derive(Clone, Debug)]
-pub(super) struct Doorway {
+pub(super) struct Admission {
     pub(super) gate: Arc<Gate>,
     pub(super) strangers: Arc<Strangers>,
     pub(super) guard: Option<Arc<Guarded>>,
@@ -61,7 +61,7 @@ pub(super) struct Doorway {
 /// Accepts connections until `stop`.
 pub(super) fn accept(
     listener: TcpListener,
-    doorway: Doorway,
+    admission: Admission,
     stop: CancellationToken,
 ) -> ReceiverStream<io::Result<Incoming>> {
     let (sender, receiver) = mpsc::channel(16);
@@ -73,13 +73,13 @@ pub(super) fn accept(
             };
             match accepted {
                 Ok((stream, address)) => {
-                    let Some(connection) = doorway.gate.enter(address.ip()) else { continue };
+                    let Some(connection) = admission.gate.enter(address.ip()) else { continue };
                     // Small messages must not wait for large ones.
                     let _ = stream.set_nodelay(true);
-                    let watched = Watched::new(stream, connection, doorway.gate.clone());
-                    let (doorway, sender) = (doorway.clone(), sender.clone());
+                    let watched = Watched::new(stream, connection, admission.gate.clone());
+                    let (admission, sender) = (admission.clone(), sender.clone());
                     tokio::spawn(async move {
-                        if let Some(incoming) = doorway.secure(watched, address).await {
+                        if let Some(incoming) = admission.secure(watched, address).await {
                             let _ = sender.send(Ok(incoming)).await;
                         }
                     });
@@ -94,10 +94,10 @@ pub(super) fn accept(
     ReceiverStream::new(receiver)
 }
 
-impl Doorway {
+impl Admission {
     /// Shakes hands where the farm is guarded. Gives nothing where the connection is of no use.
     async fn secure(&self, watched: Watched, address: SocketAddr) -> Option<Incoming> {
-        let (connection, pulse) = (watched.connection.clone(), watched.pulse.clone());
+        let (connection, last_sign) = (watched.connection.clone(), watched.last_sign.clone());
         let made = async {
             let Some(guard) = &self.guard else {
                 return Some((Box::new(watched) as Box<dyn Stream>, Standing::Open));
@@ -125,7 +125,7 @@ impl Doorway {
             made = made => made?,
             () = connection.cut.cancelled() => return None,
         };
-        Some(Incoming { io, peer: Peer { address, connection: connection.clone(), standing, pulse } })
+        Some(Incoming { io, peer: Peer { address, connection: connection.clone(), standing, last_sign } })
     }
 }
 
@@ -155,13 +155,13 @@ struct Watched {
     gate: Arc<Gate>,
     /// Bytes are signs of life, whatever they belong to: on a slow line a result takes longer than a worker may
     /// be silent.
-    pulse: Pulse,
+    last_sign: LastSign,
 }
 
 impl Watched {
     fn new(stream: TcpStream, connection: Arc<Connection>, gate: Arc<Gate>) -> Self {
         let cut = Box::pin(connection.cut.clone().cancelled_owned());
-        Self { stream, cut, connection, gate, pulse: Pulse::default() }
+        Self { stream, cut, connection, gate, last_sign: LastSign::default() }
     }
 }
 
@@ -179,7 +179,7 @@ impl AsyncRead for Watched {
         }
         let read = Pin::new(&mut self.stream).poll_read(cx, buf);
         if buf.filled().len() - before >= MORE_THAN_A_PING {
-            self.pulse.beat();
+            self.last_sign.beat();
         }
         read
     }

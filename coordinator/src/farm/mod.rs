@@ -8,9 +8,9 @@ mod film;
 mod gate;
 mod guard;
 mod incoming;
+mod liveness;
 mod pace;
 mod passes;
-mod pulse;
 mod roster;
 mod run;
 mod service;
@@ -44,8 +44,8 @@ use control::Control;
 use dispatch::Dispatcher;
 use gate::Gate;
 use guard::GuardLayer;
-use incoming::Doorway;
-use service::{Door, Heard, Service};
+use incoming::Admission;
+use service::{FarmEvent, Service, Shared};
 
 pub use canvas::Canvas;
 pub(crate) use canvas::{Seen, look};
@@ -68,8 +68,8 @@ const FRAME: u32 = 128 << 10;
 /// A farm that listens, so that a busy port is known before anything is read or traced.
 pub struct Farm {
     addr: SocketAddr,
-    door: Arc<Door>,
-    heard: mpsc::Receiver<Heard>,
+    shared: Arc<Shared>,
+    heard: mpsc::Receiver<FarmEvent>,
     server: Aborted,
     hired: Option<Hired>,
     guard: Option<Arc<Guarded>>,
@@ -133,13 +133,13 @@ impl Farm {
         let (heard_by, heard) = mpsc::channel(HEARD);
         let randomness = |e: NoRandomness| RenderError::Internal(e.to_string());
         let (gate, strangers) = (Gate::new(), Arc::new(Strangers::default()));
-        let door = Arc::new(Door::new(heard_by, gate.clone()).map_err(randomness)?);
+        let shared = Arc::new(Shared::new(heard_by, gate.clone()).map_err(randomness)?);
         let guard = access.guard().cloned();
-        let layer = GuardLayer { strangers: strangers.clone(), guard: guard.clone(), local: door.secret };
+        let layer = GuardLayer { strangers: strangers.clone(), guard: guard.clone(), local: shared.secret };
         let control = queue.map(|queue| Control::new(queue, gate.clone()).into_server());
         let (health, checked) = tonic_health::server::health_reporter();
         health.set_service_status("", ServingStatus::NotServing).await;
-        let doorway = Doorway { gate, strangers: strangers.clone(), guard: guard.clone() };
+        let admission = Admission { gate, strangers: strangers.clone(), guard: guard.clone() };
         let closing = CancellationToken::new();
         let server = Server::builder()
             .max_concurrent_streams(STREAMS)
@@ -149,15 +149,15 @@ impl Farm {
             .http2_keepalive_interval(Some(KEEPALIVE_INTERVAL))
             .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
             .layer(layer)
-            .add_service(Service(door.clone()).into_server())
+            .add_service(Service(shared.clone()).into_server())
             .add_optional_service(control)
             .add_service(checked)
             .serve_with_incoming_shutdown(
-                incoming::accept(listener, doorway, closing.clone()),
+                incoming::accept(listener, admission, closing.clone()),
                 closing.clone().cancelled_owned(),
             );
         let server = Aborted(tokio::spawn(server).abort_handle());
-        Ok(Self { addr, door, heard, server, hired: None, guard, strangers, health, closing: closing.drop_guard() })
+        Ok(Self { addr, shared, heard, server, hired: None, guard, strangers, health, closing: closing.drop_guard() })
     }
 
     /// Starts `workers` in this process, of so many `threads` together and one each at least. They connect now
@@ -168,12 +168,12 @@ impl Farm {
             return;
         }
         let (tracer, local) = watch::channel(None);
-        let local = LocalScene { secret: self.door.secret, tracer: local };
+        let local = LocalScene { secret: self.shared.secret, tracer: local };
         let stop = self.closing.token();
         let access = match &self.guard {
             None => worker::Access::open(),
             Some(guard) => {
-                let token = Token { pin: guard.pin, secret: self.door.secret };
+                let token = Token { pin: guard.pin, secret: self.shared.secret };
                 worker::Access::by_token(&token).unwrap_or_default()
             }
         };
@@ -205,16 +205,16 @@ impl Farm {
     ) -> Result<Rendered, Unfinished> {
         self.hire(job.workers, job.threads);
         let tracer = if self.hired.is_some() { Some(tracer(&job).await?) } else { None };
-        let Self { door, heard, server, hired, strangers, health, closing, .. } = self;
+        let Self { shared, heard, server, hired, strangers, health, closing, .. } = self;
         if let Some(trace) = context_of(&job.span) {
-            let _ = door.trace.set(trace);
+            let _ = shared.trace.set(trace);
         }
         health.set_service_status("", ServingStatus::Serving).await;
         if let Some(hired) = &hired {
             hired.tracer.send_replace(tracer);
         }
         let count = hired.as_ref().map_or(0, |hired| hired.count);
-        let dispatcher = Dispatcher::new(door, heard, job.timing, count);
+        let dispatcher = Dispatcher::new(shared, heard, job.timing, count);
         let finished = dispatcher.render_one(job, progress, &cancel).await?;
         let rendered = finished.rendered(strangers.total()).await;
         drop((server, hired, closing));
@@ -225,13 +225,13 @@ impl Farm {
 impl Farm {
     /// Renders what the queue orders until `cancel`; then every job ends as it is, and the workers are dismissed.
     pub async fn serve(self, queue: &Queue, orders: Orders, cancel: CancellationToken) {
-        let Self { door, heard, server, health, closing, .. } = self;
+        let Self { shared, heard, server, health, closing, .. } = self;
         let span = info_span!(target: SPANS, parent: None, "serve");
         if let Some(trace) = context_of(&span) {
-            let _ = door.trace.set(trace);
+            let _ = shared.trace.set(trace);
         }
         health.set_service_status("", ServingStatus::Serving).await;
-        let dispatcher = Dispatcher::new(door, heard, Timing::default(), 0);
+        let dispatcher = Dispatcher::new(shared, heard, Timing::default(), 0);
         queue.attach(dispatcher.views());
         let closing_soon = async {
             queue.closing().await;
@@ -248,13 +248,13 @@ impl Farm {
 
 /// What renders tiles in this process, one for all its workers.
 async fn tracer(job: &RenderJob) -> Result<Arc<dyn TileTracer>, RenderError> {
-    let (scene, studio, settings) = (job.scene.clone(), job.studio.clone(), job.settings);
+    let (scene, factory, settings) = (job.scene.clone(), job.factory.clone(), job.settings);
     let opened = tokio::task::spawn_blocking(move || {
         let prepared = match scene {
             SceneSource::Prepared(prepared) => prepared,
             SceneSource::Resolved(scene) => Arc::new(PreparedScene::build(scene)),
         };
-        studio.open(prepared, settings)
+        factory.open(prepared, settings)
     });
     Ok(opened.await.map_err(|e| RenderError::Internal(e.to_string()))??)
 }

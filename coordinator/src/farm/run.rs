@@ -23,7 +23,7 @@ use tokio::time::Instant;
 use super::pace::Pace;
 use super::passes::{Clock, Passes, Turn};
 use super::roster::Roster;
-use super::service::{Heard, Said};
+use super::service::{FarmEvent, WorkerEvent};
 use super::stitch::{self, Stitch, Stitcher};
 use super::verify::{Sum, Verify};
 use crate::job::{Progress, RenderError, RenderJob, Verification, WorkerStats};
@@ -35,8 +35,8 @@ use member::{Member, keep};
 use spans::Spans;
 use verification::{OwnCore, is_check, recall};
 
-/// Between two looks at the pulses of workers.
-const PULSE_EVERY: Duration = Duration::from_millis(100);
+/// Between two looks at the signs of life of workers.
+const LIVENESS_EVERY: Duration = Duration::from_millis(100);
 
 /// The end of the render, once it is there.
 type Ended = Option<Result<(), RenderError>>;
@@ -44,7 +44,7 @@ type Ended = Option<Result<(), RenderError>>;
 /// See the [module](self).
 pub(super) struct Run {
     scheduler: Scheduler,
-    heard_by: mpsc::Sender<Heard>,
+    heard_by: mpsc::Sender<FarmEvent>,
     /// What pixels tiles must have.
     pixels: PixelFormat,
     region: Region,
@@ -70,7 +70,7 @@ pub(super) struct Run {
     own_busy: usize,
     /// Checks that nobody was given yet.
     unassigned: VecDeque<u64>,
-    /// When pulses are looked at next.
+    /// When signs of life are looked at next.
     pulse_at: Duration,
     last_cause: Option<String>,
     notes: Vec<Note>,
@@ -89,7 +89,7 @@ impl Run {
         number: JobNumber,
         job: RenderJob,
         progress: watch::Sender<Progress>,
-        heard_by: mpsc::Sender<Heard>,
+        heard_by: mpsc::Sender<FarmEvent>,
         hired: usize,
     ) -> Result<Self, RenderError> {
         let start = Instant::now();
@@ -239,18 +239,18 @@ impl Run {
 
     /// A worker comes to render for this job; it is told what to prepare by whoever sends it.
     pub(super) async fn join(&mut self, worker: WorkerKey, comer: Comer) {
-        let Comer { id, instance, name, address, threads, own, mouth, cut, pulse } = comer;
+        let Comer { id, instance, name, address, threads, own, outbox, cut, last_sign } = comer;
         let came = WorkerStats { name, threads, address, ..WorkerStats::default() };
         let place = self.enter(id, came);
-        let felt = pulse.last();
-        let member = Member { mouth, cut, id, ready: false, leaving: false, place, threads, pulse, felt, lost: 0 };
+        let felt = last_sign.last();
+        let member = Member { outbox, cut, id, ready: false, leaving: false, place, threads, last_sign, felt, lost: 0 };
         self.members.insert(worker, member);
         let end = self.tell(Event::Joined { worker, threads, instance, own }, None).await;
         self.ended(end);
     }
 
     /// A worker said something that is of this job.
-    pub(super) async fn said(&mut self, worker: WorkerKey, said: Said) {
+    pub(super) async fn said(&mut self, worker: WorkerKey, said: WorkerEvent) {
         if !self.members.contains_key(&worker) {
             return;
         }
@@ -261,36 +261,36 @@ impl Run {
         }
     }
 
-    async fn said_by(&mut self, worker: WorkerKey, said: Said) -> Ended {
+    async fn said_by(&mut self, worker: WorkerKey, said: WorkerEvent) -> Ended {
         match said {
-            Said::Done(done) if is_check(done.lease) => self.check_answered(worker, done).await,
-            Said::Returned { lease, .. } | Said::Failed { lease, .. } if is_check(lease) => {
+            WorkerEvent::Done(done) if is_check(done.lease) => self.check_answered(worker, done).await,
+            WorkerEvent::Returned { lease, .. } | WorkerEvent::Failed { lease, .. } if is_check(lease) => {
                 self.check_failed(worker, lease)
             }
-            Said::Ready(_) => {
+            WorkerEvent::Ready(_) => {
                 self.is_ready(worker, true);
                 self.tell(Event::Ready { worker }, None).await
             }
-            Said::Draining => {
+            WorkerEvent::Draining => {
                 self.is_ready(worker, false);
                 self.tell(Event::Draining { worker }, None).await
             }
-            Said::Returned { lease, attempt } => {
+            WorkerEvent::Returned { lease, attempt } => {
                 self.spans.ended(lease, "returned");
                 self.tell(Event::Returned { worker, lease, attempt }, None).await
             }
-            Said::Failed { lease, attempt, cause } => {
+            WorkerEvent::Failed { lease, attempt, cause } => {
                 self.spans.ended(lease, "failed");
                 tracing::warn!("{} failed at a tile: {cause}", self.name(worker));
                 self.tell(Event::Failed { worker, lease, attempt, cause }, None).await
             }
-            Said::Unable(_, cause) => {
+            WorkerEvent::Unable(_, cause) => {
                 self.left(worker, cause).await;
                 None
             }
-            Said::Nonsense(rule) => self.tell(Event::Broke { worker, rule }, None).await,
-            Said::Done(done) => self.delivered(worker, done).await,
-            Said::Stale(_) => None,
+            WorkerEvent::Nonsense(rule) => self.tell(Event::Broke { worker, rule }, None).await,
+            WorkerEvent::Done(done) => self.delivered(worker, done).await,
+            WorkerEvent::Stale(_) => None,
         }
     }
 
@@ -409,7 +409,7 @@ impl Run {
         if matches!(event, Event::Tick) {
             self.unassigned.extend(self.verify.overdue(now, self.scheduler.is_done()));
         }
-        self.feel_pulses(now, &mut effects);
+        self.check_liveness(now, &mut effects);
         self.scheduler.handle(event, now, &mut effects);
         let mut end = None;
         let mut touched: BTreeSet<WorkerKey> = teller.into_iter().collect();

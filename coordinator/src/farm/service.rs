@@ -1,4 +1,4 @@
-//! The gRPC service: a thin door between workers and the dispatcher.
+//! The gRPC service: a thin layer between workers and the dispatcher.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -27,7 +27,7 @@ use worker::spans::{SPANS, under};
 use super::gate::Gate;
 use super::guard::for_good;
 use super::incoming::Peer;
-use super::pulse::Pulse;
+use super::liveness::LastSign;
 use super::verify::Sum;
 use crate::scheduler::WorkerKey;
 
@@ -41,15 +41,15 @@ pub(super) const IN_PEACE: &str = "it ended the session";
 pub(super) const BROKE: &str = "the connection broke";
 
 /// Where the dispatcher speaks to a worker.
-pub(super) type Mouth = mpsc::Sender<Result<CoordinatorMessage, Status>>;
+pub(super) type Outbox = mpsc::Sender<Result<CoordinatorMessage, Status>>;
 
 /// What the dispatcher hears.
 #[derive(Debug)]
-pub(super) enum Heard {
+pub(super) enum FarmEvent {
     /// A worker that fits registered.
     Joined(Joined),
     /// A worker said something.
-    Said { worker: WorkerKey, said: Said },
+    Said { worker: WorkerKey, said: WorkerEvent },
     /// This process rendered a check's tile, or could not.
     Decided { check: u64, sum: Option<Sum> },
     /// The scene of a job can be named now.
@@ -66,8 +66,8 @@ pub(super) struct Joined {
     pub(super) local: bool,
     pub(super) address: String,
     /// When something was last heard of it.
-    pub(super) pulse: Pulse,
-    pub(super) mouth: Mouth,
+    pub(super) last_sign: LastSign,
+    pub(super) outbox: Outbox,
     /// Ends the session's reader.
     pub(super) cut: CancellationToken,
     pub(super) reply: oneshot::Sender<Result<(WorkerKey, SessionId), Status>>,
@@ -75,7 +75,7 @@ pub(super) struct Joined {
 
 /// What a worker says once registered, in core's words.
 #[derive(Debug)]
-pub(super) enum Said {
+pub(super) enum WorkerEvent {
     Ready(JobNumber),
     Done(TileDone),
     Failed {
@@ -136,8 +136,8 @@ impl Offer {
 
 /// What the service knows.
 #[derive(Debug)]
-pub(super) struct Door {
-    pub(super) heard: mpsc::Sender<Heard>,
+pub(super) struct Shared {
+    pub(super) heard: mpsc::Sender<FarmEvent>,
     pub(super) sessions: Mutex<HashMap<SessionId, Visitor>>,
     offers: RwLock<Offers>,
     /// Known to workers of this process alone.
@@ -159,12 +159,12 @@ struct Offers {
 #[derive(Clone, Debug)]
 pub(super) struct Visitor {
     fetching: Arc<AtomicBool>,
-    pulse: Pulse,
+    last_sign: LastSign,
 }
 
 impl Visitor {
-    pub(super) fn new(pulse: Pulse) -> Self {
-        Self { fetching: Arc::default(), pulse }
+    pub(super) fn new(last_sign: LastSign) -> Self {
+        Self { fetching: Arc::default(), last_sign }
     }
 }
 
@@ -181,9 +181,9 @@ fn over() -> Status {
     Status::unavailable("the coordinator is closing")
 }
 
-impl Door {
-    /// Behind this door, and `heard` by whoever listens.
-    pub(super) fn new(heard: mpsc::Sender<Heard>, gate: Arc<Gate>) -> Result<Self, NoRandomness> {
+impl Shared {
+    /// Behind this, and `heard` by whoever listens.
+    pub(super) fn new(heard: mpsc::Sender<FarmEvent>, gate: Arc<Gate>) -> Result<Self, NoRandomness> {
         Ok(Self {
             heard,
             sessions: Mutex::default(),
@@ -228,7 +228,7 @@ impl Door {
         self.with_scene(&hash.0).is_some()
     }
 
-    /// Takes hash and length of a job's scene, on a thread of its own; [`Heard::Described`] tells when they are there.
+    /// Takes hash and length of a job's scene, on a thread of its own; [`FarmEvent::Described`] tells when they are there.
     pub(super) fn describe(&self, number: JobNumber) {
         let Some(offer) = self.offered(number) else { return };
         if offer.naming.swap(true, Ordering::AcqRel) {
@@ -237,7 +237,7 @@ impl Door {
         let heard = self.heard.clone();
         tokio::task::spawn_blocking(move || {
             let _ = offer.name.set(describe(&offer.scene));
-            let _ = heard.blocking_send(Heard::Described(number));
+            let _ = heard.blocking_send(FarmEvent::Described(number));
         });
     }
 
@@ -247,10 +247,10 @@ impl Door {
     }
 
     /// Reads one worker until its stream ends, and gives why; a broken stream is told so too.
-    async fn listen(&self, worker: WorkerKey, mouth: &Mouth, inbox: &mut Streaming<WorkerMessage>) -> String {
+    async fn listen(&self, worker: WorkerKey, outbox: &Outbox, inbox: &mut Streaming<WorkerMessage>) -> String {
         let told = |status: Status| {
             let cause = says(&status);
-            let _ = mouth.try_send(Err(status));
+            let _ = outbox.try_send(Err(status));
             cause
         };
         loop {
@@ -259,29 +259,31 @@ impl Door {
                 Ok(None) => return IN_PEACE.into(),
                 Err(status) => return format!("{BROKE}: {}", told(status)),
             };
-            if self.heard.send(Heard::Said { worker, said }).await.is_err() {
+            if self.heard.send(FarmEvent::Said { worker, said }).await.is_err() {
                 return "the render is over".into();
             }
         }
     }
 
-    fn understand(&self, message: WorkerMessage) -> Said {
+    fn understand(&self, message: WorkerMessage) -> WorkerEvent {
         match message.kind {
             Some(Kind::TileDone(done)) => {
                 let lease = LeaseId(done.lease);
-                let Some(offer) = self.offered(lease.job()) else { return Said::Stale(lease) };
+                let Some(offer) = self.offered(lease.job()) else { return WorkerEvent::Stale(lease) };
                 let done = TileDone::try_from(done).and_then(|d| offer.check(&d).map(|()| d));
-                done.map_or_else(|e| Said::Nonsense(format!("a tile: {e}")), Said::Done)
+                done.map_or_else(|e| WorkerEvent::Nonsense(format!("a tile: {e}")), WorkerEvent::Done)
             }
             Some(Kind::TileFailed(f)) => {
-                Said::Failed { lease: LeaseId(f.lease), attempt: Attempt(f.attempt), cause: cause(&f.cause) }
+                WorkerEvent::Failed { lease: LeaseId(f.lease), attempt: Attempt(f.attempt), cause: cause(&f.cause) }
             }
-            Some(Kind::LeaseReturned(r)) => Said::Returned { lease: LeaseId(r.lease), attempt: Attempt(r.attempt) },
-            Some(Kind::Ready(r)) => Said::Ready(JobNumber(r.job)),
-            Some(Kind::Draining(_)) => Said::Draining,
-            Some(Kind::Unable(u)) => Said::Unable(JobNumber(u.job), cause(&u.cause)),
-            Some(Kind::Register(_)) => Said::Nonsense("it registered twice".into()),
-            None => Said::Nonsense("an unknown message".into()),
+            Some(Kind::LeaseReturned(r)) => {
+                WorkerEvent::Returned { lease: LeaseId(r.lease), attempt: Attempt(r.attempt) }
+            }
+            Some(Kind::Ready(r)) => WorkerEvent::Ready(JobNumber(r.job)),
+            Some(Kind::Draining(_)) => WorkerEvent::Draining,
+            Some(Kind::Unable(u)) => WorkerEvent::Unable(JobNumber(u.job), cause(&u.cause)),
+            Some(Kind::Register(_)) => WorkerEvent::Nonsense("it registered twice".into()),
+            None => WorkerEvent::Nonsense("an unknown message".into()),
         }
     }
 }
@@ -308,7 +310,7 @@ fn says(status: &Status) -> String {
 
 /// See the [module](self).
 #[derive(Clone, Debug)]
-pub(super) struct Service(pub(super) Arc<Door>);
+pub(super) struct Service(pub(super) Arc<Shared>);
 
 impl Service {
     pub(super) fn into_server(self) -> FarmServer<Self> {
@@ -352,13 +354,20 @@ impl farm_server::Farm for Service {
         if registration.local.is_some() && !local {
             return Err(Status::invalid_argument("the local secret is wrong"));
         }
-        let (mouth, words) = mpsc::channel(MOUTH);
+        let (outbox, words) = mpsc::channel(MOUTH);
         let (reply, answer) = oneshot::channel();
         let cut = CancellationToken::new();
-        let joined =
-            Joined { registration, local, address, pulse: peer.pulse, mouth: mouth.clone(), cut: cut.clone(), reply };
+        let joined = Joined {
+            registration,
+            local,
+            address,
+            last_sign: peer.last_sign,
+            outbox: outbox.clone(),
+            cut: cut.clone(),
+            reply,
+        };
         self.0.gate.settle(&peer.connection);
-        self.0.heard.send(Heard::Joined(joined)).await.map_err(|_| over())?;
+        self.0.heard.send(FarmEvent::Joined(joined)).await.map_err(|_| over())?;
         let (worker, session) = tokio::select! {
             biased;
             answer = answer => answer.map_err(|_| over())??,
@@ -369,15 +378,15 @@ impl farm_server::Farm for Service {
                 Err(status) => status,
             }),
         };
-        let door = self.0.clone();
+        let shared = self.0.clone();
         tokio::spawn(async move {
             let _in_session = in_session;
             let cause = tokio::select! {
-                cause = door.listen(worker, &mouth, &mut inbox) => cause,
+                cause = shared.listen(worker, &outbox, &mut inbox) => cause,
                 () = cut.cancelled() => "it was cut off".into(),
             };
-            door.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&session);
-            let _ = door.heard.send(Heard::Left { worker, cause }).await;
+            shared.sessions.lock().unwrap_or_else(PoisonError::into_inner).remove(&session);
+            let _ = shared.heard.send(FarmEvent::Left { worker, cause }).await;
         });
         let mut answer = Response::new(ReceiverStream::new(words));
         if let Some(trace) = self.0.trace.get() {
@@ -392,7 +401,7 @@ impl farm_server::Farm for Service {
         connection.beaten();
         self.0.gate.settle(&connection);
         // The dispatcher looks at it now and then: beats wait in no queue, and a flood of them fills none.
-        visitor.pulse.beat();
+        visitor.last_sign.beat();
         Ok(Response::new(BeatReply {}))
     }
 

@@ -241,17 +241,17 @@ impl World<'_> {
     }
 
     /// Tells the scheduler of whom something was heard.
-    pub(super) fn feel_pulses(&mut self) {
-        self.pulses += 1;
+    pub(super) fn check_liveness(&mut self) {
+        self.last_sign += 1;
         for worker in 0..self.seats.len() {
             let seat = &mut self.seats[worker];
             let Some((key, epoch)) = seat.key else { continue };
-            let beats = (worker + self.pulses).is_multiple_of(LOOKS_A_BEAT);
+            let beats = (worker + self.last_sign).is_multiple_of(LOOKS_A_BEAT);
             let alive = epoch == seat.epoch && seat.since.is_some() && seat.cut_until <= self.now;
             if std::mem::take(&mut seat.delivered) || (beats && alive) {
                 self.tell(Event::Heard { worker: key }, Duration::ZERO);
             }
         }
-        self.at(self.free_at.max(self.now) + PULSE, What::Pulse);
+        self.at(self.free_at.max(self.now) + PULSE, What::LastSign);
     }
 }

@@ -35,7 +35,7 @@ pub(super) enum What {
     Killed { worker: usize, silent: bool },
     Cut { worker: usize, time: Duration },
     Mended(usize),
-    Pulse,
+    LastSign,
     Tick,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct World<'a> {
     pub(super) at_work: Duration,
     pub(super) scheduling: Duration,
     pub(super) tick_at: Duration,
-    pub(super) pulses: usize,
+    pub(super) last_sign: usize,
     /// When nothing was left to be cut for the first time.
     pub(super) ran_out: Option<Duration>,
     pub(super) pixels: u64,
@@ -84,7 +84,7 @@ impl<'a> World<'a> {
             at_work: Duration::ZERO,
             scheduling: Duration::ZERO,
             tick_at: Duration::MAX,
-            pulses: 0,
+            last_sign: 0,
             ran_out: None,
             pixels: 0,
             ended: false,
@@ -95,7 +95,7 @@ impl<'a> World<'a> {
             next: 0,
         };
         world.hire(renderers);
-        world.at(Duration::ZERO, What::Pulse);
+        world.at(Duration::ZERO, What::LastSign);
         world
     }
 
@@ -173,7 +173,7 @@ impl<'a> World<'a> {
             What::Killed { worker, silent } => self.killed(worker, silent),
             What::Cut { worker, time } => self.cut(worker, time),
             What::Mended(worker) => self.mended(worker),
-            What::Pulse => self.feel_pulses(),
+            What::LastSign => self.check_liveness(),
             What::Tick if self.now >= self.tick_at => self.tick(),
             _ => {}
         }

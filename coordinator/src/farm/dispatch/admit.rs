@@ -9,7 +9,7 @@ use tessera_proto::wire::{CoordinatorMessage, Welcome};
 use tokio::time::Instant;
 use tonic::Status;
 
-use super::{Dispatcher, FARM, Seat};
+use super::{Dispatcher, FARM, Session};
 use crate::farm::guard::for_good;
 use crate::farm::roster::Entered;
 use crate::farm::service::{Joined, Visitor};
@@ -18,7 +18,7 @@ use crate::scheduler::WorkerKey;
 
 impl Dispatcher {
     pub(super) async fn admit(&mut self, joined: Joined) {
-        let Joined { registration, local, address, pulse, mouth, cut, reply } = joined;
+        let Joined { registration, local, address, last_sign, outbox, cut, reply } = joined;
         if reply.is_closed() {
             // It has given up waiting for an answer.
             return;
@@ -28,19 +28,19 @@ impl Dispatcher {
             let _ = reply.send(Err(for_good(Status::permission_denied(format!("cut off before: {rule}")))));
             return;
         }
-        let before = self.seats.iter().find(|(_, seat)| seat.id == id).map(|(&worker, _)| worker);
+        let before = self.sessions.iter().find(|(_, session)| session.id == id).map(|(&worker, _)| worker);
         if let Some(before) = before {
             self.left(before, "it dialled again").await;
         }
-        let room = self.door.gate.workers();
-        if self.seats.len() >= room {
+        let room = self.shared.gate.workers();
+        if self.sessions.len() >= room {
             let full = format!("there is room for {room} workers here, by the limit of open files (ulimit -n)");
             let _ = reply.send(Err(Status::resource_exhausted(full)));
             return;
         }
         let worker = WorkerKey(self.next_worker);
         self.next_worker += 1;
-        let session = SessionId(fastrand::u64(..));
+        let session_id = SessionId(fastrand::u64(..));
         let threads = registration.threads;
         // Names like those of this process' own are theirs alone.
         let name = registration.name;
@@ -48,19 +48,19 @@ impl Dispatcher {
         let came = WorkerStats { name, threads, address: address.clone(), ..WorkerStats::default() };
         let Entered { instance, place, name, back } = self.roster.enter(id, came, &mut self.figures);
         let welcome = Welcome {
-            session: session.0,
+            session: session_id.0,
             name: name.clone(),
             heartbeat_interval_ms: self.timing.beat.as_millis() as u32,
             suspect_after_ms: self.timing.suspect_after.as_millis() as u32,
             dead_after_ms: self.timing.dead_after.as_millis() as u32,
         };
-        let sessions = &self.door.sessions;
-        sessions.lock().unwrap_or_else(PoisonError::into_inner).insert(session, Visitor::new(pulse.clone()));
-        let heard_of = mouth.try_send(Ok(CoordinatorMessage { kind: Some(Kind::Welcome(welcome)) })).is_ok();
-        let felt = (pulse.last(), Instant::now());
-        let seat = Seat {
-            session,
-            mouth,
+        let sessions = &self.shared.sessions;
+        sessions.lock().unwrap_or_else(PoisonError::into_inner).insert(session_id, Visitor::new(last_sign.clone()));
+        let heard_of = outbox.try_send(Ok(CoordinatorMessage { kind: Some(Kind::Welcome(welcome)) })).is_ok();
+        let felt = (last_sign.last(), Instant::now());
+        let session = Session {
+            session_id,
+            outbox,
             cut,
             id,
             instance,
@@ -68,7 +68,7 @@ impl Dispatcher {
             address,
             threads,
             own: local,
-            pulse,
+            last_sign,
             felt,
             draining: false,
             retired: false,
@@ -78,8 +78,8 @@ impl Dispatcher {
             place,
             lost: 0,
         };
-        self.seats.insert(worker, seat);
-        if reply.send(Ok((worker, session))).is_err() || !heard_of {
+        self.sessions.insert(worker, session);
+        if reply.send(Ok((worker, session_id))).is_err() || !heard_of {
             return self.left(worker, "it left while registering").await;
         }
         let verb = if back { "is back" } else { "joined" };

@@ -12,17 +12,17 @@ use tokio_util::sync::CancellationToken;
 use tonic::Status;
 
 use super::figures::name;
-use super::{PULSE_EVERY, Run};
+use super::{LIVENESS_EVERY, Run};
 use crate::farm::guard::for_good;
-use crate::farm::pulse::Pulse;
-use crate::farm::service::Mouth;
+use crate::farm::liveness::LastSign;
+use crate::farm::service::Outbox;
 use crate::job::RenderJob;
 use crate::journal::{Found, Head, Sink};
 use crate::scheduler::{CutOff, Effect, Event, WorkerKey};
 
 /// A worker that renders for this job.
 pub(super) struct Member {
-    pub(super) mouth: Mouth,
+    pub(super) outbox: Outbox,
     pub(super) cut: CancellationToken,
     pub(super) id: WorkerId,
     /// Whether it may render.
@@ -32,8 +32,8 @@ pub(super) struct Member {
     /// Place of its figures in [`Progress::workers`].
     pub(super) place: usize,
     pub(super) threads: u32,
-    pub(super) pulse: Pulse,
-    /// Its pulse when it was last looked at.
+    pub(super) last_sign: LastSign,
+    /// Its last sign of life when it was last looked at.
     pub(super) felt: u64,
     /// Tiles that it left unanswered.
     pub(super) lost: u64,
@@ -50,9 +50,9 @@ pub(in crate::farm) struct Comer {
     pub(in crate::farm) threads: u32,
     /// Whether it is one of this process.
     pub(in crate::farm) own: bool,
-    pub(in crate::farm) mouth: Mouth,
+    pub(in crate::farm) outbox: Outbox,
     pub(in crate::farm) cut: CancellationToken,
-    pub(in crate::farm) pulse: Pulse,
+    pub(in crate::farm) last_sign: LastSign,
 }
 
 /// What the dispatcher has to know of what happened in a job.
@@ -71,7 +71,7 @@ pub(in crate::farm) enum Note {
 }
 
 /// Ends a worker's session, telling it why; gives what it is told.
-pub(in crate::farm) fn end_session(mouth: &Mouth, cut: &CancellationToken, why: &CutOff) -> String {
+pub(in crate::farm) fn end_session(outbox: &Outbox, cut: &CancellationToken, why: &CutOff) -> String {
     let status = match why {
         // It would be turned away if it dialled again.
         CutOff::Broke(rule) => for_good(Status::invalid_argument(format!("this worker was cut off: {rule}"))),
@@ -79,7 +79,7 @@ pub(in crate::farm) fn end_session(mouth: &Mouth, cut: &CancellationToken, why: 
         CutOff::Unready(time) => Status::deadline_exceeded(format!("the scene was not ready after {time:.0?}")),
     };
     let cause = status.message().to_owned();
-    let _ = mouth.try_send(Err(status));
+    let _ = outbox.try_send(Err(status));
     cut.cancel();
     cause
 }
@@ -94,13 +94,13 @@ pub(super) fn keep(job: &RenderJob) -> (Option<Sink>, Option<Found>) {
 
 impl Run {
     /// Tells the scheduler now and then of whom something was heard since, and lets the clock run on.
-    pub(super) fn feel_pulses(&mut self, now: Duration, effects: &mut Vec<Effect>) {
+    pub(super) fn check_liveness(&mut self, now: Duration, effects: &mut Vec<Effect>) {
         if now < self.pulse_at {
             return;
         }
-        self.pulse_at = now + PULSE_EVERY;
+        self.pulse_at = now + LIVENESS_EVERY;
         for (&worker, member) in &mut self.members {
-            let last = member.pulse.last();
+            let last = member.last_sign.last();
             if std::mem::replace(&mut member.felt, last) != last {
                 self.scheduler.handle(Event::Heard { worker }, now, effects);
             }
@@ -123,7 +123,7 @@ impl Run {
     pub(super) fn say(&mut self, worker: WorkerKey, kind: Kind) {
         let Some(member) = self.members.get(&worker) else { return };
         let message = CoordinatorMessage { kind: Some(kind) };
-        if member.mouth.try_send(Ok(message)).is_err() {
+        if member.outbox.try_send(Ok(message)).is_err() {
             // It does not read: ending its stream makes it leave.
             member.cut.cancel();
         }
@@ -131,7 +131,7 @@ impl Run {
 
     pub(super) fn cut_off(&mut self, worker: WorkerKey, why: CutOff) {
         let Some(member) = self.members.get(&worker) else { return };
-        let cause = end_session(&member.mouth, &member.cut, &why);
+        let cause = end_session(&member.outbox, &member.cut, &why);
         let lost = self.remove(worker, &cause);
         self.notes.push(Note::CutOff { worker, why, cause, lost });
     }

@@ -10,11 +10,11 @@ use tessera_core::trace::PreparedScene;
 use tessera_proto::convert::{TileDone, check_size, pixel_bytes};
 use tessera_proto::identity::WorkerId;
 use tessera_proto::{LeaseId, PixelFormat};
-use worker::Studio;
+use worker::RendererFactory;
 
 use super::{Ended, Note, Run};
 use crate::farm::roster::Roster;
-use crate::farm::service::Heard;
+use crate::farm::service::FarmEvent;
 use crate::farm::stitch::Stitch;
 use crate::farm::verify::{Assigned, Closed, Made, Sum, Verify, sum_of};
 use crate::job::{CheckedTile, SceneSource, Verification};
@@ -41,13 +41,13 @@ pub(super) type Wanted = (u64, Region, Option<Pass>);
 
 impl OwnCore {
     /// Starts its thread, which ends with the sender it gives.
-    fn start(self, heard: tokio::sync::mpsc::Sender<Heard>) -> Sender<Wanted> {
+    fn start(self, heard: tokio::sync::mpsc::Sender<FarmEvent>) -> Sender<Wanted> {
         let (sender, wanted) = channel();
         std::thread::spawn(move || self.run(&wanted, &heard));
         sender
     }
 
-    fn run(self, wanted: &Receiver<Wanted>, heard: &tokio::sync::mpsc::Sender<Heard>) {
+    fn run(self, wanted: &Receiver<Wanted>, heard: &tokio::sync::mpsc::Sender<FarmEvent>) {
         let prepare = || {
             let prepared = match self.scene {
                 SceneSource::Prepared(prepared) => prepared,
@@ -69,7 +69,7 @@ impl OwnCore {
                 Some(sum_of(&pixel_bytes(&pixels), &error))
             };
             let sum = std::panic::catch_unwind(std::panic::AssertUnwindSafe(render)).ok().flatten();
-            if heard.blocking_send(Heard::Decided { check, sum }).is_err() {
+            if heard.blocking_send(FarmEvent::Decided { check, sum }).is_err() {
                 return;
             }
         }

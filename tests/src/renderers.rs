@@ -7,7 +7,7 @@ use coordinator::{Pixels, Rendered};
 use tessera_core::film::{ErrorEstimate, Region, Tile};
 use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts};
-use worker::{Exact, Studio, TileTracer};
+use worker::{Exact, RendererFactory, TileTracer};
 
 /// What [`Painted`] gives pixel (x, y).
 #[must_use]
@@ -20,7 +20,7 @@ pub fn paint(x: u32, y: u32) -> [f32; 3] {
 #[derive(Clone, Copy, Debug)]
 pub struct Painted;
 
-impl Studio for Painted {
+impl RendererFactory for Painted {
     fn open(&self, _: Arc<PreparedScene>, _: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
         Ok(Arc::new(Self))
     }
@@ -67,7 +67,7 @@ pub enum Failure {
     NotANumber,
 }
 
-impl Studio for Poisoned {
+impl RendererFactory for Poisoned {
     fn open(&self, _: Arc<PreparedScene>, _: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
         Ok(Arc::new(*self))
     }
@@ -87,10 +87,10 @@ impl TileTracer for Poisoned {
     }
 }
 
-/// Another studio behind a gate: a number of tiles pass, the others wait until it is opened.
+/// Another factory behind a gate: a number of tiles pass, the others wait until it is opened.
 #[derive(Clone, Debug)]
 pub struct Gate {
-    behind: Arc<dyn Studio>,
+    behind: Arc<dyn RendererFactory>,
     state: Arc<GateState>,
 }
 
@@ -104,7 +104,7 @@ struct GateState {
 impl Gate {
     /// Lets `passes` tiles of `behind` through.
     #[must_use]
-    pub fn before(behind: impl Studio + 'static, passes: i64) -> Self {
+    pub fn before(behind: impl RendererFactory + 'static, passes: i64) -> Self {
         let state = GateState { passes: passes.into(), open: Mutex::new(false), opened: Condvar::new() };
         Self { behind: Arc::new(behind), state: Arc::new(state) }
     }
@@ -127,7 +127,7 @@ impl Gate {
 
 struct Gated(Arc<dyn TileTracer>, Arc<GateState>);
 
-impl Studio for Gate {
+impl RendererFactory for Gate {
     fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
         Ok(Arc::new(Gated(self.behind.open(scene, settings)?, self.state.clone())))
     }
@@ -181,7 +181,7 @@ impl Liar {
 
 struct Lying(Arc<dyn TileTracer>, Liar);
 
-impl Studio for Liar {
+impl RendererFactory for Liar {
     fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
         Ok(Arc::new(Lying(Exact.open(scene, settings)?, self.clone())))
     }

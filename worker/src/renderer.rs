@@ -9,7 +9,7 @@ use tessera_core::settings::{Pass, Settings};
 use tessera_core::trace::{PrepareError, PreparedScene, RayCounts, Tracer};
 
 /// Sets up tracers.
-pub trait Studio: Send + Sync + fmt::Debug {
+pub trait RendererFactory: Send + Sync + fmt::Debug {
     /// What renders `scene` under `settings`.
     ///
     /// # Errors
@@ -42,7 +42,7 @@ pub trait TileTracer: Send + Sync {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Exact;
 
-impl Studio for Exact {
+impl RendererFactory for Exact {
     fn open(&self, scene: Arc<PreparedScene>, settings: Settings) -> Result<Arc<dyn TileTracer>, PrepareError> {
         Ok(Arc::new(Tracer::new(scene, settings)?))
     }
