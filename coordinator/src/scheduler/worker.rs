@@ -152,3 +152,22 @@ impl Worker {
 pub(crate) fn running(threads: u32) -> usize {
     if threads > 1 { 2 } else { 1 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two tiles rendered at once often end together: the second has next to no time of its own.
+    #[test]
+    fn tiles_that_end_together_make_no_worker_fast() {
+        let mut w = Worker::new(16, InstanceId(1), true, 12, Duration::ZERO);
+        let ms = Duration::from_millis;
+        for n in 0..100 {
+            let busy = if n % 2 == 0 { ms(100) } else { Duration::from_micros(5) };
+            let d = Delivery { area: 1000, busy, idle: ms(0), granted: ms(0), busy_before: ms(0) };
+            w.delivered(d, true, ms(0));
+            let rate = w.rate.unwrap();
+            assert!(n < 10 || (rate > 15_000.0 && rate < 27_000.0), "{rate} pixels a second rather than 20,000");
+        }
+    }
+}
