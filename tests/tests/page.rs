@@ -326,3 +326,25 @@ fn a_single_render_is_watched_and_given_up() {
     let (status, said) = render.wait();
     assert_eq!(status.code(), Some(130), "{said}");
 }
+
+/// `SCREENSHOTS=docs/images cargo test --release -p tessera-tests --test page -- --ignored` takes the documents' picture.
+#[test]
+#[ignore = "it writes a picture for the documents"]
+fn what_the_documents_show() {
+    let Some(program) = chromium() else { return };
+    let (folder, web) = (tempfile::tempdir().unwrap(), free());
+    let mirrors = scene("mirrors.xml").display().to_string();
+    let view = ["--size", "960x720", "--max-depth", "8", "--max-error", "0.25", "--verify", "1/10", "--workers", "4"];
+    let mut command =
+        coordinator(folder.path(), ["render", &mirrors, "-o", "mirrors.png", "--http", &web].iter().chain(&view));
+    let mut render = Running::start(&mut command);
+    render.line(|line| line.contains("the page is at")).unwrap();
+    on_runtime(async move {
+        let watcher = Watcher::open(&program, &format!("http://{web}/")).await;
+        let half = "return +(document.getElementById('progress').getAttribute('aria-valuenow')) >= 60";
+        watcher.until("more than half is seen", half).await;
+        watcher.shot("page").await;
+        watcher.click("[aria-label=\"cancel job 1\"]").await;
+    });
+    let _ = render.wait();
+}
