@@ -10,7 +10,7 @@ const PROBE: f64 = 4096.0;
 const LEAST_PROBE: f64 = 256.0;
 /// The least pixels of a tile, 8 × 8 of which adaptive sampling looks at together.
 const LEAST: f64 = 64.0;
-/// And where so many would take too long, under uniform sampling.
+/// And of one at the end of a pass where so many would take too long, under uniform sampling.
 const LEAST_DEAR: f64 = 4.0;
 /// One part of a picture counts as at most so many times as dear as it is on the whole.
 const MOST_SPREAD: f64 = 16.0;
@@ -46,8 +46,9 @@ impl Scheduler {
         let (shortest, longest) = (rate * shortest.as_secs_f64(), rate * longest.as_secs_f64());
         // Two at least are on their way.
         let carried = w.line.window().map_or(f64::INFINITY, |window| window / 2.0);
+        let least = fair.max(longest).clamp(least, LEAST);
         // The ceiling is what counts where the two disagree: a slow worker's least is still little.
-        fair.min(carried).max(shortest).min(longest).max(longest.clamp(least, LEAST)) as u64
+        fair.min(carried).max(shortest).min(longest).max(least) as u64
     }
 
     /// Pixels a second of `worker`, by its own measure or by that of others.

@@ -87,7 +87,7 @@ pub struct Service {
 }
 
 impl Default for Service {
-    /// What a coordinator was seen to take on a core of 2023 (`docs/figures.md`), behind 10 Gbit/s.
+    /// What a coordinator should take at most for a tile, all of it one after another, behind 10 Gbit/s.
     fn default() -> Self {
         Self { message: Duration::from_micros(40), byte_ns: 1.0, measured: false, line: 1.25e9 }
     }

@@ -252,6 +252,6 @@ impl World<'_> {
                 self.tell(Event::Heard { worker: key }, Duration::ZERO);
             }
         }
-        self.at(self.free_at.max(self.now) + PULSE, What::LastSign);
+        self.at(self.now + PULSE, What::LastSign);
     }
 }

@@ -37,7 +37,7 @@ fn lines() -> Vec<Line> {
     let minutes = |n: u64| Duration::from_secs(60 * n);
     let line = |name, colour, job, size, round_trip, trouble| Line { name, colour, job, size, round_trip, trouble };
     vec![
-        line("ten minutes, near, nothing goes wrong", "#00629c", minutes(10), None, NEAR, calm),
+        line("three minutes, near, nothing goes wrong", "#00629c", minutes(3), None, NEAR, calm),
         line("one minute, near, nothing goes wrong", "#00805d", minutes(1), None, NEAR, calm),
         line("one minute, 1 to 200 ms away, much goes wrong", "#c85500", minutes(1), None, FAR, Luck::Bad.trouble()),
         line("one minute, near, 1920 × 1080 dear pixels", "#9c4f82", minutes(1), Some((1920, 1080)), NEAR, calm),
