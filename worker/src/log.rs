@@ -28,7 +28,12 @@ pub(crate) fn start(verbose: u8, otlp: Option<&Otlp>) {
         .with_ansi(stderr().is_terminal() && !unwanted)
         .with_target(verbose > 1)
         .with_filter(unspoken(filter));
-    tracing_subscriber::registry().with(said).with(otlp.map(Otlp::layer)).init();
+    let log = tracing_subscriber::registry().with(said);
+    // A layer that is none would cost every span and every line the look at it.
+    match otlp {
+        Some(otlp) => log.with(otlp.layer()).init(),
+        None => log.init(),
+    }
 }
 
 /// A line outside the log.

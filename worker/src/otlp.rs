@@ -52,6 +52,9 @@ impl FromStr for Collector {
         if uri.scheme() != Some(&Scheme::HTTP) {
             return Err("spans are sent over plain http:// (OTLP over gRPC), best to a collector on this machine");
         }
+        if authority.port_u16().is_none() && authority.as_str() != authority.host() {
+            return Err("the port must be a number from 0 to 65535");
+        }
         if !matches!(uri.path(), "" | "/") || uri.query().is_some() {
             return Err("OTLP over gRPC has no path: give http://HOST:PORT alone");
         }

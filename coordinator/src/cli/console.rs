@@ -67,8 +67,12 @@ impl Console {
             .with_target(verbosity > 1)
             .with_writer(LogWriter(self.clone()))
             .with_filter(unspoken(filter));
-        let kept = coordinator::web::log::layer();
-        let _ = tracing_subscriber::registry().with(said).with(kept).with(otlp.map(Otlp::layer)).try_init();
+        let log = tracing_subscriber::registry().with(said).with(coordinator::web::log::layer());
+        // A layer that is none would cost every span and every line the look at it.
+        let _ = match otlp {
+            Some(otlp) => log.with(otlp.layer()).try_init(),
+            None => log.try_init(),
+        };
     }
 
     /// A result: as it is, to stdout.
