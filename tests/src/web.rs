@@ -119,7 +119,7 @@ impl Secure {
         Self(Arc::new(config))
     }
 
-    /// As [`http`], over TLS with the server at this port of this machine, which is called `localhost`.
+    /// As [`http()`], over TLS with the server at this port of this machine, which is called `localhost`.
     ///
     /// # Panics
     /// When there is no answer.

@@ -27,7 +27,7 @@ const ADDRESSES: usize = 4096;
 /// Between two lines about it in the log.
 const SAID_EVERY: Duration = Duration::from_secs(10);
 
-/// See the [module](self).
+/// Who came without the right secret, and how often: they are answered later and later.
 #[derive(Debug, Default)]
 pub struct Strangers(Mutex<Inner>);
 

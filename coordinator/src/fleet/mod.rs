@@ -1,7 +1,7 @@
 //! Workers placed by the engines that manage other people's machines: batch systems, Kubernetes, a list of hosts.
 //!
 //! A [`Fleet`] is what an engine is to start, how many of it, and for whom. [`Fleet::print`] says what would be
-//! submitted; [`keep`](keeper::keep) holds as many workers as the work that is left is worth ([`scale`]), and
+//! submitted; a [`Keeper`] holds as many workers as the work that is left is worth ([`Scaling`]), and
 //! leaves none behind. Whatever ends the coordinator itself, workers leave once there has been none for
 //! [`WorkerOrder::give_up_after`].
 

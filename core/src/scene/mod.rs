@@ -23,7 +23,7 @@ pub type Rgb = [f64; 3];
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SurfaceId(pub u32);
 
-/// Index into [`Scene::pictures`].
+/// Index into [`Scene::textures`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TextureId(pub u32);
 
