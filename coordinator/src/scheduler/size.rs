@@ -6,12 +6,8 @@ use super::{LONGEST, SHORTEST, Scheduler, WorkerKey};
 
 /// Pixels that one thread is given while nothing is measured, at one sample a pixel.
 const PROBE: f64 = 4096.0;
-/// The least pixels worth a tile while nothing is measured, if they are no dearer than usual.
+/// The least pixels worth a tile while nothing is measured.
 const LEAST_PROBE: f64 = 256.0;
-/// The least pixels of a tile, 8 × 8 of which adaptive sampling looks at together.
-const LEAST: f64 = 64.0;
-/// And of one at the end of a pass where so many would take too long, under uniform sampling.
-const LEAST_DEAR: f64 = 4.0;
 /// One part of a picture counts as at most so many times as dear as it is on the whole.
 const MOST_SPREAD: f64 = 16.0;
 /// The coordinator's own time that a tile may take: with so many workers, tiles last so many times that.
@@ -28,13 +24,12 @@ impl Scheduler {
     /// Pixels that suit `worker` now.
     pub(super) fn area_for(&self, worker: WorkerKey) -> u64 {
         let Some(w) = self.workers.get(&worker) else { return 0 };
-        let least = if self.pass.is_none() { LEAST_DEAR } else { LEAST };
         let left = self.cutter.pixels_left() as f64;
         let missing = self.config.expected.saturating_sub(self.crowd.count) as f64;
         let Some(rate) = self.rate_of(worker) else {
             let share = f64::from(w.threads) / (self.crowd.threads as f64 + missing);
             let probe = PROBE * f64::from(w.threads) / f64::from(self.config.samples);
-            return (left * share / 4.0).max(LEAST_PROBE).min(probe.max(least)) as u64;
+            return (left * share / 4.0).max(LEAST_PROBE).min(probe.max(64.0)) as u64;
         };
         let all = self.crowd.rate(self.typical);
         // A quarter of what is left, and less where tiles differ in their cost: one that is as dear as
@@ -46,9 +41,8 @@ impl Scheduler {
         let (shortest, longest) = (rate * shortest.as_secs_f64(), rate * longest.as_secs_f64());
         // Two at least are on their way.
         let carried = w.line.window().map_or(f64::INFINITY, |window| window / 2.0);
-        let least = fair.max(longest).clamp(least, LEAST);
         // The ceiling is what counts where the two disagree: a slow worker's least is still little.
-        fair.min(carried).max(shortest).min(longest).max(least) as u64
+        fair.min(carried).max(shortest).min(longest).max(64.0) as u64
     }
 
     /// Pixels a second of `worker`, by its own measure or by that of others.

@@ -11,8 +11,6 @@ const STUCK: u32 = 3;
 const MOST_SPREAD: u32 = 2;
 /// if it also is so much later.
 const STUCK_SLACK: Duration = Duration::from_millis(250);
-/// Pause between two looks at all workers, for each of them.
-const CHECK_EACH: Duration = Duration::from_micros(50);
 
 impl Scheduler {
     pub(super) fn heard(&mut self, worker: WorkerKey) {
@@ -73,8 +71,7 @@ impl Scheduler {
         self.judge_losses(effects);
         let patience = self.config.patience.first.min(self.config.patience.lost);
         let pause = (self.config.suspect_after / 8).min(patience / 4).max(Duration::from_millis(1));
-        // It takes about a microsecond for each.
-        self.check_at = self.now + pause.max(CHECK_EACH * self.workers.len() as u32);
+        self.check_at = self.now + pause;
     }
 
     /// When it will be clear that a worker does not get on with what it holds.
