@@ -18,9 +18,10 @@ use std::sync::OnceLock;
 pub fn program(name: &str) -> PathBuf {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
-        // …/target/release/deps/test-0123: the programs lie beside `deps`.
+        // …/target/release/deps/test-0123: the programs lie beside `deps`, as those that measure do.
         let test = std::env::current_exe().expect("a running test has a file");
-        let folder = test.ancestors().find(|p| p.ends_with("deps")).and_then(Path::parent).expect("cargo's layout");
+        let deps = test.ancestors().find(|p| p.ends_with("deps"));
+        let folder = deps.unwrap_or(&test).parent().expect("cargo's layout");
         let profile = match folder.file_name().and_then(OsStr::to_str) {
             Some("debug") | None => "dev",
             Some(name) => name,
