@@ -3,7 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use serde_json::Value;
 use tessera_tests::program::{Ended, coordinator, scene};
@@ -183,4 +184,37 @@ fn a_scene_with_pictures_is_sent_another_way() {
     let ended = printed(at.path(), &[&["render", demo.to_str().unwrap()][..], &fleet].concat());
     assert_eq!(ended.code, Some(2));
     assert!(ended.err.contains("serve --fleet kubernetes"), "{}", ended.err);
+}
+
+/// Where CI has it; elsewhere it is looked for as any program is: `pip install kubernetes-validate`.
+fn validator() -> PathBuf {
+    let of_ci = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/judges/bin/kubernetes-validate");
+    if of_ci.is_file() { of_ci } else { PathBuf::from("kubernetes-validate") }
+}
+
+#[test]
+fn manifests_fit_the_schemas_of_old_and_new_clusters() {
+    let validate = validator();
+    if Command::new(&validate).arg("--version").output().is_err() {
+        println!("skipped: kubernetes-validate is not installed");
+        return;
+    }
+    let at = tempfile::tempdir().unwrap();
+    let plain = plain_scene(at.path()).display().to_string();
+    let fleet = ["--fleet", "kubernetes", "--fleet-workers", "1..7", "--print"];
+    let all = [
+        ("render", [&["render", &plain, "-o", "out.png"][..], &fleet].concat()),
+        ("serve", [&["serve", "--state", "unused"][..], &fleet].concat()),
+        ("fleet", vec!["fleet", "kubernetes", "--connect", "farm.example:5000", "--fleet-workers", "4", "--print"]),
+    ];
+    for (name, args) in all {
+        let printed = printed(at.path(), &args);
+        let file = at.path().join(format!("{name}.yaml"));
+        fs::write(&file, &printed.out).unwrap();
+        for version in ["1.25", "1.28", "1.31", "1.34"] {
+            let judged = Command::new(&validate).args(["--strict", "-k", version]).arg(&file).output().unwrap();
+            let said = String::from_utf8_lossy(&judged.stderr) + String::from_utf8_lossy(&judged.stdout);
+            assert!(judged.status.success(), "{name} in {version}: {said}");
+        }
+    }
 }
