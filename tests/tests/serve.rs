@@ -8,6 +8,7 @@ use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
@@ -215,10 +216,8 @@ fn a_job_is_given_up_at_its_deadline_and_goes_on_where_it_was_if_it_is_resumed()
     assert_eq!(farm.state(quick), "done");
 }
 
-/// Instants of the kills; more by `KILLS=100`.
-fn kills() -> usize {
-    std::env::var("KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
-}
+/// Instants of the kills.
+const KILLS: usize = 100;
 
 #[test]
 fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
@@ -232,25 +231,55 @@ fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
     // What was told: a job is at least in this state.
     let mut told = BTreeMap::<u64, &str>::new();
     let mut sizes = BTreeMap::<u64, (PathBuf, String)>::new();
-    for round in 0..kills() {
-        let until = Instant::now() + Duration::from_millis(50 + random(700));
-        while Instant::now() < until {
-            let size = format!("{}x{}", 40 + random(200), 30 + random(100));
-            let scene = if random(2) == 0 { &demo } else { &every };
-            let owner = format!("owner {}", random(3));
-            let flags = ["--size", &size, "--samples", "9", "--owner", &owner];
-            let id = farm.submit(scene, &flags);
-            assert!(!told.contains_key(&id), "the number {id} was used before");
-            told.insert(id, "queued");
-            sizes.insert(id, (scene.clone(), size.clone()));
-            let (change, state) =
-                [("pause", "paused"), ("cancel", "cancelled"), ("pause", "paused")][random(3) as usize];
-            if random(3) == 0 && farm.call(&[change, &id.to_string()]).code == Some(0) {
-                told.insert(id, state);
+    // Calls that the kill cut off: their answers never came.
+    let mut cut_off = 0;
+    for round in 0..KILLS {
+        let after = Duration::from_millis(random(400));
+        let is_killed = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            let (farm, is_killed) = (&farm, &is_killed);
+            scope.spawn(move || {
+                std::thread::sleep(after);
+                is_killed.store(true, Ordering::SeqCst);
+                farm.serve.as_ref().unwrap().signal(Signal::KILL);
+            });
+            // Until a call is not answered.
+            let mut answered = |args: &[&str]| {
+                let ended = farm.call(args);
+                if ended.code != Some(0) {
+                    assert!(is_killed.load(Ordering::SeqCst), "{args:?}: {}", ended.err);
+                    cut_off += 1;
+                }
+                (ended.code == Some(0)).then_some(ended.out)
+            };
+            loop {
+                let size = format!("{}x{}", 40 + random(200), 30 + random(100));
+                let scene = if random(2) == 0 { &demo } else { &every };
+                let owner = format!("owner {}", random(3));
+                let submit = ["submit", scene.to_str().unwrap(), "--size", &size, "--samples", "9", "--owner", &owner];
+                let Some(id) = answered(&submit) else { break };
+                let id: u64 = id.trim().parse().unwrap();
+                assert!(!told.contains_key(&id), "the number {id} was used before");
+                told.insert(id, "queued");
+                sizes.insert(id, (scene.clone(), size.clone()));
+                let (change, state) = [("pause", "paused"), ("cancel", "cancelled")][random(5) as usize / 3];
+                if random(3) > 0 {
+                    continue;
+                }
+                // One that is done already is neither.
+                let ended = farm.call(&[change, &id.to_string()]);
+                match ended.code {
+                    Some(0) => drop(told.insert(id, state)),
+                    _ if is_killed.load(Ordering::SeqCst) => {
+                        // What it came to was never told.
+                        told.insert(id, "asked");
+                        break;
+                    }
+                    _ => {}
+                }
             }
-        }
-        // Not before the last answer came, and then at once.
-        farm.kill();
+        });
+        farm.serve = None;
         farm.serve();
         let jobs = farm.jobs();
         for (id, state) in &mut told {
@@ -258,6 +287,13 @@ fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
             let now = now["state"].as_str().unwrap();
             match *state {
                 "queued" => assert!(["queued", "rendering", "done"].contains(&now), "round {round}: {id} is {now}"),
+                "asked" => {
+                    let all = ["queued", "rendering", "done", "paused", "cancelled"];
+                    *state = all.iter().find(|s| **s == now).unwrap_or_else(|| panic!("round {round}: {id} is {now}"));
+                    if *state == "rendering" {
+                        *state = "queued";
+                    }
+                }
                 sure => assert_eq!(now, sure, "round {round}: job {id}"),
             }
             if now == "done" {
@@ -265,6 +301,7 @@ fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
             }
         }
     }
+    assert!(cut_off > 0, "no call was on its way when it was killed");
     for (id, state) in told {
         if state == "paused" {
             farm.ok(&["resume", &id.to_string()]);
