@@ -28,6 +28,8 @@ use crate::scheduler::{CutOff, WorkerKey};
 
 /// Between two looks at who should render for whom, where nothing calls for one.
 const SHARE_EVERY: Duration = Duration::from_millis(250);
+/// What was heard that is taken in at once, before anything else is looked at.
+const AT_ONCE: usize = 32;
 /// What comes and goes is said under this name, also where nothing else is.
 pub(crate) const FARM: &str = "farm";
 
@@ -154,12 +156,12 @@ impl Dispatcher {
         mut self,
         job: RenderJob,
         progress: watch::Sender<Progress>,
-        cancel: &CancellationToken,
+        cancel: CancellationToken,
     ) -> Result<FinishedRun, RenderError> {
         let number = JobNumber(0);
         self.start(number, job, Standing::default(), (progress, None)).await?;
         while self.runs.get(&number).is_some_and(|active| !active.run.is_over()) {
-            if !self.step(cancel, None).await {
+            if !self.step(&cancel, None).await {
                 break;
             }
         }
@@ -171,8 +173,8 @@ impl Dispatcher {
     }
 
     /// Renders what is ordered until `cancel`; then every job is ended as it is.
-    pub(super) async fn serve(mut self, mut orders: mpsc::Receiver<Order>, cancel: &CancellationToken) {
-        while self.step(cancel, Some(&mut orders)).await {}
+    pub(super) async fn serve(mut self, mut orders: mpsc::Receiver<Order>, cancel: CancellationToken) {
+        while self.step(&cancel, Some(&mut orders)).await {}
         for (_, active) in std::mem::take(&mut self.runs) {
             hand_over(active);
         }
@@ -191,6 +193,7 @@ impl Dispatcher {
                 None => std::future::pending().await,
             }
         };
+        let mut heard = Vec::new();
         tokio::select! {
             biased;
             () = cancel.cancelled() => return false,
@@ -198,11 +201,13 @@ impl Dispatcher {
                 Some(order) => self.obey(order).await,
                 None => return false,
             },
-            heard = self.heard.recv() => match heard {
-                Some(heard) => self.hear(heard).await,
-                None => return false,
+            count = self.heard.recv_many(&mut heard, AT_ONCE) => if count == 0 {
+                return false;
             },
             () = sleep_until(wake) => {}
+        }
+        for heard in heard {
+            self.hear(heard).await;
         }
         let due: Vec<JobNumber> = self.runs.keys().copied().collect();
         for number in due {

@@ -215,7 +215,7 @@ impl Farm {
         }
         let count = hired.as_ref().map_or(0, |hired| hired.count);
         let dispatcher = Dispatcher::new(shared, heard, job.timing, count);
-        let finished = dispatcher.render_one(job, progress, &cancel).await?;
+        let finished = beside(dispatcher.render_one(job, progress, cancel)).await??;
         let rendered = finished.rendered(strangers.total()).await;
         drop((server, hired, closing));
         rendered
@@ -239,11 +239,21 @@ impl Farm {
             std::future::pending().await
         };
         tokio::select! {
-            () = dispatcher.serve(orders.0, &cancel) => {}
+            served = beside(dispatcher.serve(orders.0, cancel)) => if let Err(e) = served {
+                tracing::error!("{e}");
+            },
             () = closing_soon => {}
         }
         drop((server, closing));
     }
+}
+
+/// Runs `task` on the runtime's own threads, where its connections run, too: whoever only waits here would have to be
+/// woken for every message. It ends with whoever waits.
+async fn beside<T: Send + 'static>(task: impl Future<Output = T> + Send + 'static) -> Result<T, RenderError> {
+    let task = tokio::spawn(task);
+    let _ended = Aborted(task.abort_handle());
+    task.await.map_err(|e| RenderError::Internal(e.to_string()))
 }
 
 /// What renders tiles in this process, one for all its workers.

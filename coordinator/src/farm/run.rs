@@ -24,7 +24,7 @@ use super::pace::Pace;
 use super::passes::{Clock, Passes, Turn};
 use super::roster::Roster;
 use super::service::{FarmEvent, WorkerEvent};
-use super::stitch::{self, Stitch, Stitcher};
+use super::stitch::{self, Stitch, Stitcher, Tiles};
 use super::verify::{Sum, Verify};
 use crate::job::{Progress, RenderError, RenderJob, Verification, WorkerStats};
 use crate::plan::Plan;
@@ -48,7 +48,7 @@ pub(super) struct Run {
     /// What pixels tiles must have.
     pixels: PixelFormat,
     region: Region,
-    tiles: mpsc::Sender<Stitch>,
+    tiles: Tiles,
     stitcher: Stitcher,
     progress: watch::Sender<Progress>,
     start: Instant,

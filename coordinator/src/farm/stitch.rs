@@ -3,11 +3,12 @@
 use std::fs::File;
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use tessera_core::film::Region;
 use tessera_proto::{PixelFormat, Pixels};
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
 use tracing::Span;
 
 use super::canvas::{Canvas, TileNote, View};
@@ -16,8 +17,11 @@ use super::passes::Again;
 use crate::job::RenderError;
 use crate::journal;
 
-/// Tiles that wait to be stitched, at most: all that the picture takes beside itself.
-const WAITING: usize = 4;
+/// Bytes of tiles that wait to be stitched, at most: all that the picture takes beside itself. Four of the largest.
+const WAITING: u32 = 4 << 20;
+/// Where tiles come closer together than this, the stitcher lets some gather: to be woken for each costs more than
+/// its place in the picture.
+const GATHER: Duration = Duration::from_millis(1);
 
 /// What becomes of the picture.
 #[derive(Debug)]
@@ -28,6 +32,31 @@ pub(super) enum Stitch {
     Again(Vec<Again>),
     /// These pixels are not what they should be: as if they had never come.
     Take(Region),
+}
+
+/// Where tiles go that are to be stitched.
+#[derive(Clone, Debug)]
+pub(super) struct Tiles {
+    sender: mpsc::UnboundedSender<(Stitch, Option<OwnedSemaphorePermit>)>,
+    room: Arc<Semaphore>,
+}
+
+/// Nobody stitches any more.
+#[derive(Debug)]
+pub(super) struct Stopped;
+
+impl Tiles {
+    /// Waits while there is no room.
+    pub(super) async fn send(&self, stitch: Stitch) -> Result<(), Stopped> {
+        let room = match &stitch {
+            Stitch::New { pixels, .. } => {
+                let bytes = u32::try_from(pixels.len()).unwrap_or(WAITING).clamp(1, WAITING);
+                Some(self.room.clone().acquire_many_owned(bytes).await.map_err(|_| Stopped)?)
+            }
+            Stitch::Again(_) | Stitch::Take(_) => None,
+        };
+        self.sender.send((stitch, room)).map_err(|_| Stopped)
+    }
 }
 
 /// What has been stitched.
@@ -50,6 +79,28 @@ struct Picture {
 }
 
 impl Picture {
+    fn stitch(&mut self, stitch: Stitch, journal: Option<&File>) -> Result<(), RenderError> {
+        match stitch {
+            Stitch::New { region, pixels, first, note, span } => {
+                self.put(region, &pixels, first)?;
+                drop(span);
+                if let Some(note) = note {
+                    self.view().note(note);
+                }
+                Ok(())
+            }
+            Stitch::Take(region) => self.take(region),
+            Stitch::Again(tiles) => {
+                let file = journal.ok_or_else(|| RenderError::Internal("no journal".into()))?;
+                for Again { region, place, first } in tiles {
+                    let pixels = journal::pixels(file, place).map_err(RenderError::Journal)?;
+                    self.put(region, &pixels, first)?;
+                }
+                Ok(())
+            }
+        }
+    }
+
     fn put(&mut self, region: Region, pixels: &[u8], first: bool) -> Result<(), RenderError> {
         self.paint(&region, pixels, first && self.taken.is_empty())?;
         let back = cut_out(&mut self.taken, &region);
@@ -99,32 +150,25 @@ pub(super) fn start(
     (format, scratch): (PixelFormat, Scratch),
     journal: Option<File>,
     canvas: Canvas,
-) -> io::Result<(mpsc::Sender<Stitch>, Stitcher)> {
-    let (sender, mut tiles) = mpsc::channel::<Stitch>(WAITING);
+) -> io::Result<(Tiles, Stitcher)> {
+    let (sender, mut tiles) = mpsc::unbounded_channel();
     let (give, given) = oneshot::channel();
     let mut stitch = move || {
         let image = Film::black(format, whole.area(), &scratch)?;
         let view = Arc::new(Mutex::new(View::new(whole, image)));
         canvas.open(&view);
         let mut picture = Picture { whole, view, done: Vec::new(), taken: Vec::new() };
-        while let Some(tiles) = tiles.blocking_recv() {
-            match tiles {
-                Stitch::New { region, pixels, first, note, span } => {
-                    picture.put(region, &pixels, first)?;
-                    drop(span);
-                    if let Some(note) = note {
-                        picture.view().note(note);
-                    }
-                }
-                Stitch::Take(region) => picture.take(region)?,
-                Stitch::Again(tiles) => {
-                    let file = journal.as_ref().ok_or_else(|| RenderError::Internal("no journal".into()))?;
-                    for Again { region, place, first } in tiles {
-                        let pixels = journal::pixels(file, place).map_err(RenderError::Journal)?;
-                        picture.put(region, &pixels, first)?;
-                    }
-                }
+        let mut idle_since = Instant::now();
+        while let Some((next, room)) = tiles.blocking_recv() {
+            if idle_since.elapsed() < GATHER {
+                std::thread::sleep(GATHER);
             }
+            picture.stitch(next, journal.as_ref())?;
+            drop(room);
+            while let Ok((next, _room)) = tiles.try_recv() {
+                picture.stitch(next, journal.as_ref())?;
+            }
+            idle_since = Instant::now();
         }
         canvas.close();
         // Whoever looks at it still sees nothing of it.
@@ -134,7 +178,7 @@ pub(super) fn start(
     // Nobody may be left to take it.
     let run = move || drop(give.send(stitch()));
     std::thread::Builder::new().name("stitch".into()).spawn(run)?;
-    Ok((sender, given))
+    Ok((Tiles { sender, room: Arc::new(Semaphore::new(WAITING as usize)) }, given))
 }
 
 /// Cuts `hole` out of disjoint `regions`, and gives what was cut out.

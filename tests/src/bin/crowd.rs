@@ -3,6 +3,7 @@
 //! `crowd --workers 2000 --tile-ms 100` renders a black picture over loopback. Each worker holds a tile for that long and
 //! sends black pixels. Told are the share of the time that workers had a tile, and the coordinator's processor time a tile.
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::Arc;
@@ -120,24 +121,37 @@ async fn work(mut fake: Fake, time: Duration, done: &Done) {
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
     });
+    // It hears while it is at work: the next tile begins when the one before it ends, however late that is told.
+    let mut leases = VecDeque::<(Lease, tokio::time::Instant)>::new();
     let mut free_at = tokio::time::Instant::now();
     loop {
-        match fake.hear().await {
-            Ok(Some(Hear::Lease(lease))) => {
-                free_at = free_at.max(tokio::time::Instant::now()) + time;
-                if !time.is_zero() {
-                    tokio::time::sleep_until(free_at).await;
+        let ends_at = leases.front().map(|(_, came)| free_at.max(*came) + time);
+        let rendered = async {
+            match ends_at {
+                Some(_) if time.is_zero() => {}
+                Some(at) => tokio::time::sleep_until(at).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            biased;
+            () = rendered => {
+                if let (Some((lease, _)), Some(at)) = (leases.pop_front(), ends_at) {
+                    free_at = at;
+                    done.tiles.fetch_add(1, Ordering::Relaxed);
+                    fake.say(answer(&lease, time)).await;
                 }
-                done.tiles.fetch_add(1, Ordering::Relaxed);
-                fake.say(answer(&lease, time)).await;
             }
-            // What is revoked was begun already.
-            Ok(Some(Hear::Revoke(_))) => {}
-            Ok(Some(_) | None) => break,
-            Err(_) => {
-                done.lost.fetch_add(1, Ordering::Relaxed);
-                break;
-            }
+            heard = fake.hear() => match heard {
+                Ok(Some(Hear::Lease(lease))) => leases.push_back((lease, tokio::time::Instant::now())),
+                // What is revoked was begun already.
+                Ok(Some(Hear::Revoke(_))) => {}
+                Ok(Some(_) | None) => break,
+                Err(_) => {
+                    done.lost.fetch_add(1, Ordering::Relaxed);
+                    break;
+                }
+            },
         }
     }
     heart.abort();

@@ -194,7 +194,7 @@ fn look(at: &str, stop: &AtomicBool) -> u64 {
             http(at, "GET", "/api/v1/jobs/1/picture.png?width=1000&height=750", "").status
         });
         pictures += u64::from(matches!(looked, Ok(200)));
-        std::thread::sleep(Duration::from_millis(100));
+        std::thread::sleep(Duration::from_millis(200));
     }
     pictures
 }

@@ -104,7 +104,7 @@ export class Picture {
           if (this.job.id === job.id) { this.image = image; this.part = [x0, y0, x1, y1]; this.draw(); }
         }
       } catch { /* told elsewhere */ }
-      await new Promise(done => setTimeout(done, 100));
+      await new Promise(done => setTimeout(done, 200));
     } while (this.again);
     this.busy = false;
   }
