@@ -10,10 +10,9 @@ use tessera_proto::{PixelFormat, Pixels};
 use tokio::sync::{mpsc, oneshot};
 use tracing::Span;
 
-use super::canvas::{Canvas, TileNote, View};
-use super::film::{Film, Scratch};
 use super::passes::Again;
-use crate::job::RenderError;
+use crate::error::RenderError;
+use crate::film::{Canvas, Film, Scratch, TileNote, View};
 use crate::journal;
 
 /// Tiles that wait to be stitched, at most: all that the picture takes beside itself.

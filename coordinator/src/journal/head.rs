@@ -10,7 +10,6 @@ use tessera_proto::limits::{BUILD, NUMERIC_MODE};
 use tessera_proto::scene::describe_parts;
 use tessera_proto::{PixelFormat, SceneHash, journal, wire};
 
-use crate::job::RenderJob;
 use crate::plan::Goal;
 
 /// All that a picture depends on, scene and program included.
@@ -29,12 +28,7 @@ pub struct Head {
 }
 
 impl Head {
-    /// What this program makes of `job`. Hashing a large scene takes a while.
-    #[must_use]
-    pub fn of(job: &RenderJob) -> Self {
-        Self::new(job.scene.scene(), job.settings, job.region, job.pixels, job.goal).verified(job.verify > 0.0)
-    }
-
+    /// What this program makes of these. Hashing a large scene takes a while.
     pub(crate) fn new(scene: &Scene, settings: Settings, region: Region, pixels: PixelFormat, goal: Goal) -> Self {
         let (scene, pictures) = describe_parts(scene);
         let (build, numeric_mode) = (BUILD.into(), NUMERIC_MODE.into());

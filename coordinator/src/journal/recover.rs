@@ -16,7 +16,7 @@ use tessera_proto::journal::{self, Record};
 
 use super::frame::{self, Extent, LETTERS, MAGIC, Place};
 use super::head::Head;
-use crate::job::CheckedTile;
+use crate::progress::CheckedTile;
 
 /// Why a journal cannot be used.
 #[derive(Debug, thiserror::Error)]

@@ -14,7 +14,7 @@ use super::point::{Point, Predicted, Skipped};
 use super::reference::Reference;
 use super::run::MeasureError;
 use super::sweep::{self, Step, median};
-use crate::RenderError;
+use crate::error::RenderError;
 
 /// What a setting came to.
 enum Tried {
@@ -112,7 +112,7 @@ impl Bench {
     /// Renders a setting of this program, unless it gives a picture that another one gave.
     async fn try_new(&self, knob: &Knob, judge: &Judge<'_>, seen: &mut Seen) -> Result<Tried, MeasureError> {
         // Where a path more changed nothing, no path is longer.
-        if let (Knob::MaxDepth(_), Some(same)) = (knob, &seen.deepest) {
+        if let (Knob::MaxDepth(..), Some(same)) = (knob, &seen.deepest) {
             return Ok(Tried::Left(format!("they give the picture of {same}")));
         }
         let (settings, goal) = knob.apply(&self.order.settings);
@@ -123,7 +123,7 @@ impl Bench {
         };
         let name = knob.flags().join(" ");
         if let Some(same) = seen.pictures.get(&hash) {
-            if matches!(knob, Knob::MaxDepth(_)) && same.starts_with("--max-depth") {
+            if matches!(knob, Knob::MaxDepth(..)) && same.starts_with("--max-depth") {
                 seen.deepest = Some(same.clone());
             }
             return Ok(Tried::Left(format!("they give the picture of {same}")));

@@ -11,7 +11,7 @@ use super::network::Quality;
 use super::renderer::Renderer;
 use super::seat::{Down, Seat, Up};
 use super::{Outcome, Setup};
-use crate::job::{Patience, TileSize};
+use crate::config::{Patience, TileSize};
 use crate::scheduler::{Config, Scheduler};
 
 /// Within this all workers start that do not come late.

@@ -8,8 +8,8 @@ use tessera_proto::identity::WorkerId;
 use tokio::sync::watch;
 
 use super::{Member, Note, Run};
-use crate::farm::canvas::TileNote;
-use crate::job::{Progress, WorkerStats};
+use crate::film::TileNote;
+use crate::progress::{Progress, WorkerStats};
 use crate::scheduler::WorkerKey;
 
 impl Run {

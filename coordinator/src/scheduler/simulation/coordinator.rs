@@ -8,8 +8,8 @@ use tessera_proto::LeaseId;
 use super::super::{Effect, End, Event, MAX_DEPTH, MAX_REVOKED, Scheduler, WorkerKey};
 use super::session::{Down, Up};
 use super::world::{What, World};
+use crate::config::TileSize;
 use crate::farm::verify::Verify;
-use crate::job::TileSize;
 use crate::journal::rest;
 
 /// What came within this time may not be on the disk.

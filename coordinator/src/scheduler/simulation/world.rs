@@ -13,8 +13,8 @@ use super::faults::{self, FAULTY, Fault};
 use super::picture::{Curse, Picture};
 use super::session::{Down, Session, Up};
 use super::worker::SimWorker;
+use crate::config::{Patience, TileSize};
 use crate::farm::verify::Verify;
-use crate::job::{Patience, TileSize};
 use crate::simulation::network::Quality;
 
 pub(super) const BEAT: Duration = Duration::from_millis(500);

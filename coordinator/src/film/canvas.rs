@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tessera_core::film::Region;
 use tessera_proto::Pixels;
 
-use super::film::{Film, OnDisk};
+use super::{Film, OnDisk};
 
 /// Tiles of which is remembered who rendered them: whoever has not seen older ones looks at the picture as a whole.
 const REMEMBERED: usize = 16_384;
@@ -41,9 +41,9 @@ pub struct Canvas(Arc<Mutex<Option<Arc<Mutex<View>>>>>);
 
 /// The picture, and what is known of its tiles.
 #[derive(Debug)]
-pub(super) struct View {
-    pub(super) whole: Region,
-    pub(super) image: Film,
+pub(crate) struct View {
+    pub(crate) whole: Region,
+    pub(crate) image: Film,
     notes: VecDeque<TileNote>,
     /// Tiles that came before the first that is remembered.
     forgotten: u64,
@@ -52,11 +52,11 @@ pub(super) struct View {
 }
 
 impl View {
-    pub(super) fn new(whole: Region, image: Film) -> Self {
+    pub(crate) fn new(whole: Region, image: Film) -> Self {
         Self { whole, image, notes: VecDeque::new(), forgotten: 0, curve: Vec::new() }
     }
 
-    pub(super) fn note(&mut self, note: TileNote) {
+    pub(crate) fn note(&mut self, note: TileNote) {
         if self.notes.len() >= REMEMBERED {
             self.notes.pop_front();
             self.forgotten += 1;
@@ -76,12 +76,12 @@ impl View {
 
 impl Canvas {
     /// The stitcher begins.
-    pub(super) fn open(&self, view: &Arc<Mutex<View>>) {
+    pub(crate) fn open(&self, view: &Arc<Mutex<View>>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(view.clone());
     }
 
     /// The picture is given away.
-    pub(super) fn close(&self) {
+    pub(crate) fn close(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
