@@ -3,10 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
 #![cfg(unix)]
 
-use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use tessera_tests::loopback;
 use tessera_tests::program::{Running, coordinator, run};
 use tessera_tests::web::{Answer, PROOF, Secure, http};
 
@@ -18,14 +18,10 @@ struct Open {
     said: String,
 }
 
-fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
-
 impl Open {
     fn start() -> Self {
-        let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
-        let (http, listen) = (format!("0.0.0.0:{port}"), format!("127.0.0.1:{}", free_port()));
+        let (folder, port) = (tempfile::tempdir().unwrap(), loopback::free().port());
+        let (http, listen) = (format!("0.0.0.0:{port}"), format!("127.0.0.1:{}", loopback::free().port()));
         let args = ["serve", "--state", "farm", "--listen", &listen, "--http", &http];
         let mut command = coordinator(folder.path(), args);
         command.env("XDG_STATE_HOME", folder.path()).env_remove("TESSERA_TOKEN");
