@@ -9,6 +9,7 @@ use coordinator::web::{Page, Single};
 use coordinator::{Farm, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch, Unfinished, open_files};
 use tessera_core::film::ErrorEstimate;
 use tessera_core::film::file::Output;
+use tessera_core::scene::Scene;
 use tessera_core::settings::{Detail, Quality};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
@@ -143,6 +144,60 @@ struct Ended {
     description: Option<Description>,
 }
 
+/// Reads the scene, and tells what is wrong with it.
+async fn read(
+    options: &Options,
+    (files, phases): (&mut Files, &mut Phases),
+    (console, stop): (&Console, &CancellationToken),
+    span: &Span,
+) -> Result<Arc<Scene>, Failure> {
+    let (reading, reading_span) = (Instant::now(), info_span!(target: SPANS, parent: span, "read scene"));
+    let (path, folders) = (options.scene.clone(), options.pictures.clone());
+    let read = unless_stopped(stop, blocking(move || scene::read(&path, folders))).await??;
+    drop(reading_span);
+    phases.read = reading.elapsed();
+    info!(seconds = phases.read.as_secs_f64(), "scene read");
+    for path in &read.pictures {
+        files.reads("a picture of the scene", path)?;
+    }
+    scene::accept(read, &options.scene, console)
+}
+
+/// The scene as the farm takes it: prepared, where this process has workers.
+async fn source(
+    options: &Options,
+    scene: Arc<Scene>,
+    phases: &mut Phases,
+    (stop, span): (&CancellationToken, &Span),
+) -> Result<SceneSource, Failure> {
+    if options.workers == 0 {
+        return Ok(SceneSource::Resolved(scene));
+    }
+    let (building, _span) = (Instant::now(), info_span!(target: SPANS, parent: span, "prepare scene"));
+    let prepared = unless_stopped(stop, blocking(move || PreparedScene::build(scene))).await??;
+    phases.build = building.elapsed();
+    info!(seconds = phases.build.as_secs_f64(), "structures built");
+    Ok(SceneSource::Prepared(Arc::new(prepared)))
+}
+
+/// What the farm is asked for.
+fn job(options: &Options, source: SceneSource, journal: Option<Arc<Journal>>, span: &Span) -> RenderJob {
+    RenderJob {
+        region: options.region,
+        pixels: options.pixels,
+        tile: options.tile,
+        workers: options.workers,
+        threads: options.threads,
+        goal: options.goal(),
+        verify: options.verify,
+        patience: options.patience,
+        journal,
+        span: info_span!(target: SPANS, parent: span, "job"),
+        scratch: Scratch { folder: options.output.path().parent().map(Into::into), ..Scratch::default() },
+        ..RenderJob::new(source, options.settings)
+    }
+}
+
 async fn render(
     options: Arc<Options>,
     (mut files, journal, fleet): (Files, Option<Arc<Journal>>, &mut Option<Own>),
@@ -159,46 +214,15 @@ async fn render(
         watching = page.map(|page| watch_single(page, &options, stop.clone(), over.clone()));
     }
     let mut phases = Phases::default();
-    let (reading, reading_span) = (Instant::now(), info_span!(target: SPANS, parent: span, "read scene"));
-    let (path, folders) = (options.scene.clone(), options.pictures.clone());
-    let read = unless_stopped(&stop, blocking(move || scene::read(&path, folders))).await??;
-    drop(reading_span);
-    phases.read = reading.elapsed();
-    info!(seconds = phases.read.as_secs_f64(), "scene read");
-    for path in &read.pictures {
-        files.reads("a picture of the scene", path)?;
-    }
-    let scene = scene::accept(read, &options.scene, console)?;
+    let scene = read(&options, (&mut files, &mut phases), (console, &stop), span).await?;
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
     let Some((farm, access)) = farm else {
         let rendered = remote::rendered(&options, scene, (console, &stop), span).await?;
         return Ok(Ok(Ended { rendered, error: None, phases, description }));
     };
-    let source = if options.workers > 0 {
-        let (building, _span) = (Instant::now(), info_span!(target: SPANS, parent: span, "prepare scene"));
-        let prepared = unless_stopped(&stop, blocking(move || PreparedScene::build(scene))).await??;
-        phases.build = building.elapsed();
-        info!(seconds = phases.build.as_secs_f64(), "structures built");
-        SceneSource::Prepared(Arc::new(prepared))
-    } else {
-        SceneSource::Resolved(scene)
-    };
-
-    let mut job = RenderJob {
-        region: options.region,
-        pixels: options.pixels,
-        tile: options.tile,
-        workers: options.workers,
-        threads: options.threads,
-        goal: options.goal(),
-        verify: options.verify,
-        patience: options.patience,
-        journal,
-        span: info_span!(target: SPANS, parent: span, "job"),
-        scratch: Scratch { folder: options.output.path().parent().map(Into::into), ..Scratch::default() },
-        ..RenderJob::new(source, options.settings)
-    };
+    let source = source(&options, scene, &mut phases, (&stop, span)).await?;
+    let mut job = job(&options, source, journal, span);
     if let Some(journal) = job.journal.clone() {
         let checked = job.clone();
         let share = unless_stopped(&stop, blocking(move || journal::check(&journal, &checked))).await???;
