@@ -15,7 +15,7 @@ use tessera_tests::loopback;
 use tessera_tests::process::Process;
 use tessera_tests::program::{self, Ended, run, scene};
 use tessera_tests::wait::until;
-use tessera_tests::web::{PROOF, http};
+use tessera_tests::web::{OWN_REQUEST, http};
 
 /// A farm of its own in a folder of its own, with workers that outlast it.
 struct Farm {
@@ -348,17 +348,8 @@ fn the_dashboard_asks_for_what_is_told(metrics: &str) {
     assert!(asked > 5);
 }
 
-#[test]
-fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this_machine_alone() {
-    let mut farm = Farm::start(1);
-    farm.kill();
-    let web = loopback::free().to_string();
-    farm.serve_at(&web);
-    let demo = scene("demo.xml");
-    let id = farm.submit(&demo, &["--size", "48x32", "--samples", "4", "--wait"]);
-    let get = |path: &str| http(&web, "GET", path, "");
-
-    let document = get("/api/v1/openapi.json").json();
+/// Asks for everything that there is, with sense and without.
+fn every_answer_is_documented(web: &str, document: &Value, id: u64) {
     for (path, item) in document["paths"].as_object().unwrap() {
         for method in ["get", "post"].into_iter().filter(|m| item.get(m).is_some()) {
             let documented = item[method]["responses"].as_object().unwrap();
@@ -370,30 +361,47 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
                     "?region=0,0,9,9&width=0",
                 ] {
                     let asked = path.replace("{id}", &named).replace("{name}", &named) + query;
-                    let answer = http(&web, &method.to_uppercase(), &asked, PROOF);
+                    let answer = http(web, &method.to_uppercase(), &asked, OWN_REQUEST);
                     let status = answer.status.to_string();
                     assert!(documented.contains_key(&status), "{method} {asked}: {status} is not documented");
                 }
             }
         }
     }
-    let jobs = get("/api/v1/jobs").json();
-    is_a(&document, "Job", &jobs["jobs"][0]);
-    assert_eq!(jobs["counts"]["done"], 1);
-    let workers = get("/api/v1/workers").json();
-    is_a(&document, "Worker", &workers["workers"][0]);
+}
 
-    // A pixel is that of the file: 48 x 32 floats, rows from the bottom.
-    let file = farm.fetched(id);
+/// A pixel is that of the file: 48 x 32 floats, rows from the bottom.
+fn pixels_are_those_of_the_file(web: &str, id: u64, file: &[u8]) {
     let pixels = &file[file.len() - 48 * 32 * 12..];
     for (x, y) in [(0, 0), (47, 31), (20, 17)] {
-        let pixel = get(&format!("/api/v1/jobs/{id}/pixel?x={x}&y={y}")).json();
+        let pixel = http(web, "GET", &format!("/api/v1/jobs/{id}/pixel?x={x}&y={y}"), "").json();
         let at = 12 * ((31 - y) * 48 + x);
         for c in 0..3 {
             let bytes: [u8; 4] = pixels[at + 4 * c..at + 4 * c + 4].try_into().unwrap();
             assert_eq!(pixel["linear"][c].as_f64().unwrap() as f32, f32::from_le_bytes(bytes), "{x},{y}");
         }
     }
+}
+
+#[test]
+fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this_machine_alone() {
+    let mut farm = Farm::start(1);
+    farm.kill();
+    let web = loopback::free().to_string();
+    farm.serve_at(&web);
+    let demo = scene("demo.xml");
+    let id = farm.submit(&demo, &["--size", "48x32", "--samples", "4", "--wait"]);
+    let get = |path: &str| http(&web, "GET", path, "");
+
+    let document = get("/api/v1/openapi.json").json();
+    every_answer_is_documented(&web, &document, id);
+    let jobs = get("/api/v1/jobs").json();
+    is_a(&document, "Job", &jobs["jobs"][0]);
+    assert_eq!(jobs["counts"]["done"], 1);
+    let workers = get("/api/v1/workers").json();
+    is_a(&document, "Worker", &workers["workers"][0]);
+
+    pixels_are_those_of_the_file(&web, id, &farm.fetched(id));
     let picture = get(&format!("/api/v1/jobs/{id}/picture.png?region=8,8,24,16&width=32"));
     assert_eq!(&picture.body[1..4], b"PNG");
     assert_eq!(&picture.body[16..24], [0, 0, 0, 32, 0, 0, 0, 16]);
@@ -404,7 +412,7 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
     let pause = format!("/api/v1/jobs/{id}/pause");
     assert_eq!(http(&web, "POST", &pause, "Origin: http://evil.example\r\n").status, 403);
     assert_eq!(http(&web, "POST", &pause, "").status, 403, "a form can send that");
-    assert_eq!(http(&web, "POST", &pause, PROOF).status, 409);
+    assert_eq!(http(&web, "POST", &pause, OWN_REQUEST).status, 409);
     assert!(String::from_utf8(get("/metrics").body).unwrap().contains("tessera_jobs{state=\"done\"} 1"));
     the_dashboard_asks_for_what_is_told(&String::from_utf8(get("/metrics").body).unwrap());
     let log = get("/api/v1/log").json()["lines"].to_string();
@@ -423,7 +431,7 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
     assert_eq!(get(&format!("/api/v1/jobs/{long}")).json()["state"], "paused");
     // Whoever is drained leaves for good.
     until("the worker back", || get("/api/v1/workers").json()["count"] == 1);
-    assert_eq!(http(&web, "POST", "/api/v1/workers/w0/drain", PROOF).status, 200);
+    assert_eq!(http(&web, "POST", "/api/v1/workers/w0/drain", OWN_REQUEST).status, 200);
     let (status, said) = farm.workers.remove(0).end();
     assert_eq!(status.code(), Some(0), "{said}");
 }

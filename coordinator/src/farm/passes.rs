@@ -12,7 +12,7 @@ use tessera_proto::{Attempt, LeaseId, PassNumber};
 use tokio::time::Instant;
 
 use crate::config::TileSize;
-use crate::journal::{Delivery, Kept, KeptPass, Place, Sink, ThrownOut, rest};
+use crate::journal::{Delivery, Kept, KeptPass, Location, Sink, ThrownOut, rest};
 use crate::plan::{Forecast, Outcome, Plan, Step};
 use crate::progress::CheckedTile;
 
@@ -23,7 +23,7 @@ const CUTS: u64 = 1 << 20;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Again {
     pub(super) region: Region,
-    pub(super) place: Place,
+    pub(super) place: Location,
     /// Whether the picture had nothing in this place before.
     pub(super) first: bool,
 }

@@ -18,7 +18,7 @@ use tessera_proto::{PixelFormat, Pixels};
 use crate::error::RenderError;
 
 pub use canvas::Canvas;
-pub(crate) use canvas::{Seen, TileNote, View, look};
+pub(crate) use canvas::{Excerpt, TileNote, View, look};
 
 /// Bytes of pixels that are kept in memory, at most: a picture of 16,384 x 10,922 in 8 bits.
 const IN_MEMORY: u64 = 512 << 20;

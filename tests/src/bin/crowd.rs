@@ -116,7 +116,7 @@ async fn work(mut fake: Fake, time: Duration, done: &Done) {
     // Beats as a worker does, rather than as tests want it.
     fake.falls_silent();
     let (mut beats, session) = (fake.client.clone(), fake.welcome.session);
-    let heart = tokio::spawn(async move {
+    let heartbeat = tokio::spawn(async move {
         while beats.beat(BeatRequest { session }).await.is_ok() {
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
@@ -141,7 +141,7 @@ async fn work(mut fake: Fake, time: Duration, done: &Done) {
             }
         }
     }
-    heart.abort();
+    heartbeat.abort();
 }
 
 fn answer(lease: &Lease, time: Duration) -> Say {
