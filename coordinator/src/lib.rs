@@ -1,24 +1,31 @@
 //! Hands the tiles of a picture to workers and stitches what they return.
 
 pub mod access;
+mod config;
+mod control;
+mod error;
 mod farm;
+mod film;
 pub mod fleet;
 mod job;
 pub mod journal;
 pub mod measure;
+pub mod open_files;
 mod plan;
 pub mod povray;
+mod progress;
 mod queue;
 mod scheduler;
 #[doc(hidden)]
 pub mod simulation;
 pub mod web;
 
-pub use farm::{Canvas, Farm, Film, OnDisk, Scratch, Strangers, Timing, render};
-pub use job::{
-    CheckedTile, Earlier, ListenAddr, Patience, Progress, RenderError, RenderJob, Rendered, SceneSource, TileSize,
-    Unfinished, Verification, WorkerStats,
-};
+pub use config::{ListenAddr, Patience, TileSize, Timing};
+pub use error::RenderError;
+pub use farm::{Farm, Strangers, render};
+pub use film::{Canvas, Film, OnDisk, Scratch};
+pub use job::{RenderJob, Rendered, SceneSource, Unfinished};
 pub use plan::{Forecast, Goal};
-pub use queue::{Keep, Orders, Queue, StoreError};
+pub use progress::{CheckedTile, Earlier, Progress, Verification, WorkerStats};
+pub use queue::{Keep, Orders, Queue, StoreError, is_final, state_name};
 pub use tessera_proto::{PixelFormat, Pixels};

@@ -89,7 +89,7 @@ impl Raw {
             let (response, mut out) = send.send_request(request, false).map_err(|e| e.to_string())?;
             out.send_data(Bytes::copy_from_slice(body), end).map_err(|e| e.to_string())?;
             let response = response.await.map_err(|e| e.to_string())?;
-            let mut said = Said::default();
+            let mut said = Headers::default();
             said.hear(response.headers());
             let mut data = response.into_body();
             while let Some(piece) = data.data().await {
@@ -106,12 +106,12 @@ impl Raw {
 }
 
 #[derive(Default)]
-struct Said {
+struct Headers {
     status: Option<i32>,
     text: String,
 }
 
-impl Said {
+impl Headers {
     fn hear(&mut self, headers: &HeaderMap) {
         for (name, value) in headers {
             let value = value.to_str().unwrap_or("?");

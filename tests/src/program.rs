@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, ExitStatus, Output, Stdio};
 use std::sync::OnceLock;
 
+use serde_json::Value;
+
 /// The path of program `name` of this workspace, built from the current sources.
 ///
 /// A test may only ask cargo for the programs of its own package, and these belong to
@@ -51,6 +53,25 @@ pub fn program(name: &str) -> PathBuf {
         folder.to_path_buf()
     });
     folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX))
+}
+
+/// The report that `--report` wrote to a file.
+///
+/// # Panics
+/// When there is none.
+#[must_use]
+pub fn report(file: &Path) -> Value {
+    let text = std::fs::read_to_string(file).expect("a report");
+    serde_json::from_str(&text).expect("JSON")
+}
+
+/// The hash of the pixels in a report.
+///
+/// # Panics
+/// When there is none.
+#[must_use]
+pub fn pixels_hash(file: &Path) -> String {
+    report(file)["pixels_sha256"].as_str().expect("a hash").to_owned()
 }
 
 /// `coordinator` with `arguments`, in folder `at`, logging and colours as by default.

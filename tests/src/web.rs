@@ -17,7 +17,7 @@ use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, Stream
 const NEVER: Duration = Duration::from_secs(60);
 
 /// The line of a head that no form can send.
-pub const PROOF: &str = "X-Tessera: 1\r\n";
+pub const OWN_REQUEST: &str = "X-Tessera: 1\r\n";
 
 /// An answer.
 #[derive(Debug)]

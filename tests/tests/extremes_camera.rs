@@ -48,7 +48,7 @@ fn with_view(width: u32, height: u32, zoom: f64, plane_height: f64) -> Settings 
 fn case_40_field_of_view_of_1e_12() {
     // A picture on a plane of which the whole view spans 1e-12: neighbours see different texels.
     let mut d = Document::new(dvec3(0.3, 0.4, -5.0), dvec3(0.3, 0.4, 0.0)).light(0.3, 0.4, -4.0);
-    d.pictures.push(("g.ppm".into(), globe(96)));
+    d.textures.push(("g.ppm".into(), globe(96)));
     let h = 3e-12;
     let d = d
         .triangle(

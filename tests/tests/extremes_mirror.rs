@@ -50,7 +50,7 @@ fn case_54_facing_mirrors_that_absorb() {
 fn case_55_corner_of_mirrors() {
     let mirror = Look::mirror(1.0);
     let mut d = Document::new(dvec3(2.0, 1.5, 2.5), dvec3(0.3, 0.2, 0.25)).light(1.0, 3.0, 2.0);
-    d.pictures.push(("g.ppm".into(), globe(96)));
+    d.textures.push(("g.ppm".into(), globe(96)));
     let d = d
         .plane(DVec3::X, 0.0, mirror)
         .plane(DVec3::Y, 0.0, mirror)

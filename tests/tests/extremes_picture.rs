@@ -20,7 +20,7 @@ fn noise(width: u32, height: u32) -> Texture {
 
 fn pictured(eye: DVec3, target: DVec3, picture: Texture) -> Document {
     let mut d = Document::new(eye, target).with(Item::Light(eye)).with_background(0.5, 0.0, 0.5);
-    d.pictures.push(("p.ppm".into(), picture));
+    d.textures.push(("p.ppm".into(), picture));
     d
 }
 

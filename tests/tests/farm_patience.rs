@@ -8,6 +8,7 @@ use std::time::Duration;
 use tessera_tests::cluster::{Cluster, Running};
 use tessera_tests::fake::{self, Fake};
 use tessera_tests::generate;
+use tessera_tests::loopback;
 use tessera_tests::proxy::Proxy;
 use tessera_tests::renderers::{Gate, Painted, assert_painted};
 use tokio_util::sync::CancellationToken;
@@ -137,7 +138,7 @@ async fn a_worker_leaves_when_its_life_is_over_and_gives_back_what_it_holds() {
 
 #[tokio::test]
 async fn a_worker_gives_up_where_there_is_no_coordinator() {
-    let nowhere = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let nowhere = loopback::free();
     let config = Config { give_up_after: Some(Duration::from_millis(300)), ..config(nowhere, Painted, "lonely") };
     let end = worker::run(config, CancellationToken::new()).await.unwrap_err();
     assert!(matches!(end, worker::WorkerError::GaveUp { .. }), "{end}");

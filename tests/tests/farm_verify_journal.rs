@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use coordinator::journal::{Head, Journal, JournalError};
+use coordinator::journal::{Journal, JournalError};
 use coordinator::{Goal, Pixels, Rendered};
 use tessera_core::settings::Sampling;
 use tessera_core::trace::{PreparedScene, Tracer};
@@ -199,7 +199,7 @@ async fn a_render_does_not_go_on_with_other_words_about_verification() {
     let honest: Arc<dyn RendererFactory> = Arc::new(Gate::before(Exact, 20));
     begin(demo(0.0), &path, vec![("anna", honest)], |p| p.tiles_done >= 5, |_| true).await;
     let journal = journal(&path).await;
-    let check = |verify: f64| journal.check(&Head::of(&demo(verify).job)).map_err(|e| e.to_string());
+    let check = |verify: f64| journal.check(&demo(verify).job.head()).map_err(|e| e.to_string());
     assert_eq!(check(0.0), Ok(()));
     assert!(check(0.5).unwrap_err().contains("--verify (off there, on now)"));
 }

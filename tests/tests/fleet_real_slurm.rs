@@ -4,23 +4,19 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
 #![cfg(unix)]
 
-use std::fs;
 use std::path::Path;
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use serde_json::Value;
-use tessera_tests::program::{Ended, Running, coordinator, run, scene};
+use tessera_tests::program::{Ended, Running, coordinator, pixels_hash, run, scene};
+use tessera_tests::wait::until_within;
 
 /// Longer than anything here takes: Slurm itself needs 20 s to miss a node.
 const NEVER: Duration = Duration::from_secs(120);
 
-fn until(what: &str, mut so: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !so() {
-        assert!(start.elapsed() < NEVER, "never: {what}\n{}", squeue(&["--states=all"]));
-        std::thread::sleep(Duration::from_millis(200));
-    }
+fn until(what: &str, so: impl FnMut() -> bool) {
+    let told = || format!("{what}\n{}", squeue(&["--states=all"]));
+    until_within((NEVER, Duration::from_millis(200)), told, so);
 }
 
 fn squeue(more: &[&str]) -> String {
@@ -50,11 +46,6 @@ fn render(at: &Path, view: &[&str], more: &[&str]) -> Command {
     command
 }
 
-fn hash(report: &Path) -> Value {
-    let report: Value = serde_json::from_str(&fs::read_to_string(report).unwrap()).unwrap();
-    report["pixels_sha256"].clone()
-}
-
 /// All of it in one test: there is one cluster.
 #[test]
 fn a_real_cluster_renders_the_same_picture_and_keeps_no_job() {
@@ -73,7 +64,7 @@ fn a_real_cluster_renders_the_same_picture_and_keeps_no_job() {
     let ended: Ended = render(at, &short, &more).output().unwrap().into();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert_eq!(squeue(&[]), "");
-    assert_eq!(hash(&at.join("fleet.json")), hash(&at.join("alone.json")));
+    assert_eq!(pixels_hash(&at.join("fleet.json")), pixels_hash(&at.join("alone.json")));
 
     // What Slurm refuses is said in its words.
     let more = ["--fleet-workers", "1", "--fleet-args", "--partition=nowhere"];

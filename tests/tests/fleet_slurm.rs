@@ -4,29 +4,18 @@
 #![cfg(unix)]
 
 use std::fs;
-use std::net::TcpListener;
 use std::path::Path;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
-use serde_json::Value;
 use tessera_tests::engine::FakeSlurm;
-use tessera_tests::program::{Ended, Running, coordinator, run, scene};
+use tessera_tests::loopback;
+use tessera_tests::program::{Ended, Running, coordinator, pixels_hash, report, run, scene};
+use tessera_tests::wait::until;
 
-/// Longer than anything here takes.
-const NEVER: Duration = Duration::from_secs(60);
 /// A picture that takes longer than any of these tests.
 const LONG: [&str; 4] = ["--size", "2000x1500", "--samples", "4096"];
 /// One that does not.
 const SHORT: [&str; 4] = ["--size", "96x64", "--samples", "4"];
-
-fn until(what: &str, mut so: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !so() {
-        assert!(start.elapsed() < NEVER, "never: {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
 
 /// `render demo.xml` with workers from the engine.
 fn render(slurm: &FakeSlurm, at: &Path, view: &[&str], more: &[&str]) -> Command {
@@ -42,18 +31,13 @@ fn ended(mut command: Command) -> Ended {
     command.output().unwrap().into()
 }
 
-fn hash(report: &Path) -> Value {
-    let report: Value = serde_json::from_str(&fs::read_to_string(report).unwrap()).unwrap();
-    report["pixels_sha256"].clone()
-}
-
 /// The hash of the short picture as one process renders it.
-fn expected(at: &Path) -> Value {
+fn expected(at: &Path) -> String {
     let demo = scene("demo.xml");
     let args = ["render", demo.to_str().unwrap(), "-o", "alone.png", "--report", "alone.json", "--progress", "none"];
     let alone = run(at, args.iter().chain(&SHORT));
     assert_eq!(alone.code, Some(0), "{}", alone.err);
-    hash(&at.join("alone.json"))
+    pixels_hash(&at.join("alone.json"))
 }
 
 #[test]
@@ -62,8 +46,8 @@ fn a_picture_by_an_engines_workers_is_that_of_one_process_and_nothing_is_left() 
     let rendered = ended(render(&slurm, at.path(), &SHORT, &["--fleet-workers", "3", "--report", "fleet.json"]));
     assert_eq!(rendered.code, Some(0), "{}\n{}", rendered.err, slurm.log());
     assert_eq!(slurm.running(), []);
-    assert_eq!(hash(&at.path().join("fleet.json")), expected(at.path()));
-    let report: Value = serde_json::from_str(&fs::read_to_string(at.path().join("fleet.json")).unwrap()).unwrap();
+    assert_eq!(pixels_hash(&at.path().join("fleet.json")), expected(at.path()));
+    let report = report(&at.path().join("fleet.json"));
     let workers = report["workers"].as_array().unwrap();
     assert!(workers.iter().any(|w| w["name"].as_str().unwrap().starts_with("slurm-")), "{workers:?}");
 }
@@ -136,7 +120,7 @@ struct Farm {
 impl Farm {
     /// One that has no fleet yet.
     fn new() -> Self {
-        let addr = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+        let addr = loopback::free().to_string();
         Self { slurm: FakeSlurm::new(), at: tempfile::tempdir().unwrap(), addr }
     }
 

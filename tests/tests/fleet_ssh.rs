@@ -7,13 +7,9 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
-use serde_json::Value;
-use tessera_tests::program::{Ended, Running, coordinator, program, run, scene};
-
-/// Longer than anything here takes.
-const NEVER: Duration = Duration::from_secs(60);
+use tessera_tests::program::{Ended, Running, coordinator, pixels_hash, program, run, scene};
+use tessera_tests::wait::until;
 
 /// Hosts, each a home folder. One called `down` is not reached.
 const SSH: &str = r##"#!/bin/sh
@@ -71,11 +67,7 @@ impl Hosts {
     }
 
     fn until_none(&self) {
-        let start = Instant::now();
-        while self.workers() > 0 {
-            assert!(start.elapsed() < NEVER, "workers are left");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until("no workers left", || self.workers() == 0);
     }
 }
 
@@ -89,10 +81,7 @@ fn workers_are_copied_to_hosts_and_render_the_same_picture() {
     let ended: Ended = hosts.render(&[&view[..], &fleet].concat()).output().unwrap().into();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     hosts.until_none();
-    let hash = |name: &str| -> Value {
-        let report: Value = serde_json::from_str(&fs::read_to_string(hosts.at().join(name)).unwrap()).unwrap();
-        report["pixels_sha256"].clone()
-    };
+    let hash = |name: &str| pixels_hash(&hosts.at().join(name));
     let demo = scene("demo.xml");
     let alone = ["render", demo.to_str().unwrap(), "--report", "alone.json", "--progress", "none"];
     assert_eq!(run(hosts.at(), alone.iter().chain(&view[..4])).code, Some(0));
@@ -108,11 +97,7 @@ fn workers_leave_with_their_coordinator_however_it_ends() {
     let long = ["--size", "2000x1500", "--samples", "4096", "--fleet", "ssh:hosts.txt", "--fleet-workers", "2"];
     for signal in ["INT", "KILL"] {
         let running = Running::start(&mut hosts.render(&[&long[..], &["--journal", "none"]].concat()));
-        let start = Instant::now();
-        while hosts.workers() < 2 {
-            assert!(start.elapsed() < NEVER, "no workers");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until("workers", || hosts.workers() >= 2);
         running.signal(signal);
         let _ = running.wait();
         // Long before they would give up looking for a coordinator.

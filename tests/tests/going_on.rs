@@ -14,8 +14,10 @@ use tempfile::{TempDir, tempdir};
 use tessera_core::film::file::{Stored, read};
 use tessera_tests::generate::Random;
 use tessera_tests::journal::Contents;
+use tessera_tests::loopback;
 use tessera_tests::process::Process;
-use tessera_tests::program::{Ended, Running, coordinator, run, scene};
+use tessera_tests::program::{Ended, Running, coordinator, report, run, scene};
+use tessera_tests::wait::until;
 
 fn names(folder: &Path) -> BTreeSet<String> {
     let entries = std::fs::read_dir(folder).unwrap();
@@ -100,14 +102,10 @@ fn survives_once(of: &str, flags: &str, seed: u64, kills: u32) -> u32 {
         let last = run_to_end(at.path(), of, &flags);
         assert_eq!(last.code, Some(0), "{}", last.err);
         assert!(last.err.contains("going on: "), "{}", last.err);
-        let text = std::fs::read_to_string(at.path().join("a.json")).unwrap();
-        let report: Value = serde_json::from_str(&text).unwrap();
+        let report = report(&at.path().join("a.json"));
         assert_eq!(report["earlier"]["tiles"].as_u64(), Some(tiles as u64));
     }
-    let report = |name: &str| -> Value {
-        serde_json::from_str(&std::fs::read_to_string(at.path().join(name)).unwrap()).unwrap()
-    };
-    let (a, quiet) = (report("a.json"), report("quiet.json"));
+    let (a, quiet) = (report(&at.path().join("a.json")), report(&at.path().join("quiet.json")));
     for key in ["pixels_sha256", "complete"] {
         assert_eq!(a[key], quiet[key], "{key}");
     }
@@ -230,16 +228,6 @@ fn a_terminal_that_is_closed_is_an_interrupt() {
 }
 
 /// Waits until `so`.
-fn until(what: &str, so: impl Fn() -> bool) {
-    for _ in 0..6000 {
-        if so() {
-            return;
-        }
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    panic!("no {what}");
-}
-
 /// Whether this process was started under `nohup` or the like.
 fn ignores_hangups() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -353,7 +341,7 @@ fn the_picture_so_far_can_be_seen_at_any_moment() {
 #[test]
 fn a_coordinator_that_comes_back_finds_its_workers_and_they_have_the_scene() {
     let at = tempdir().unwrap();
-    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let port = loopback::free();
     let flags = format!("{LONG} --listen {port} --workers 0");
     let connect = port.to_string();
     let mut worker = Process::start("worker", &["--connect", &connect, "--threads", "2", "-v"]);

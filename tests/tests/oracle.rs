@@ -50,7 +50,7 @@ fn a_grid_of_samples_is_the_same_in_both() {
 #[test]
 fn pictures_on_planes_and_triangles_are_the_same_in_both() {
     let mut d = Document::new(dvec3(0.3, 2.0, -5.0), DVec3::ZERO).light(3.0, 5.0, -4.0).light(0.0, 9.0, 0.0);
-    d.pictures.push(("g.ppm".into(), generate::globe(96)));
+    d.textures.push(("g.ppm".into(), generate::globe(96)));
     let d = d
         .plane(dvec3(0.1, 1.0, 0.05), -1.0, Look::picture(0, 0.8, 0.2))
         .triangle([dvec3(-2.0, -1.0, 1.0), dvec3(2.0, -1.0, 1.5), dvec3(-1.0, 2.0, 1.0)], Look::picture(0, 1.0, 0.0));

@@ -8,7 +8,6 @@ use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
 
 use opentelemetry_proto::tonic::collector::trace::v1::trace_service_server::{TraceService, TraceServiceServer};
 use opentelemetry_proto::tonic::collector::trace::v1::{ExportTraceServiceRequest, ExportTraceServiceResponse};
@@ -17,15 +16,14 @@ use opentelemetry_proto::tonic::common::v1::any_value::Value;
 use rustix::process::Signal;
 use tessera_proto::control::control_client::ControlClient;
 use tessera_proto::control::{JobName, Spec};
+use tessera_tests::loopback;
 use tessera_tests::process::Process;
 use tessera_tests::program::{Ended, run, scene};
+use tessera_tests::wait::until;
 use tokio::runtime::Runtime;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Server;
 use tonic::{Request, Response, Status};
-
-/// Longer than anything here takes.
-const NEVER: Duration = Duration::from_secs(120);
 
 /// A span as it came.
 #[derive(Clone, Debug)]
@@ -131,7 +129,7 @@ struct Farm<'a> {
 
 impl<'a> Farm<'a> {
     fn new(collector: &'a Collector) -> Self {
-        let at = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+        let at = loopback::free().to_string();
         Self { folder: tempfile::tempdir().unwrap(), at, collector }
     }
 
@@ -240,15 +238,11 @@ fn a_job_is_under_its_submission_after_a_restart_too_and_what_is_malformed_is_ig
     drop(serve);
     // What it recorded is lost; what its next run records is not, wherever the worker's is.
     let (serve, worker) = (farm.serve(), farm.worker(&[]));
-    let start = Instant::now();
     let state = |id: u64| {
         let jobs = run(farm.folder.path(), ["jobs", &id.to_string(), "--farm", &farm.at, "--json"]);
         jobs.out.contains("\"done\"")
     };
-    while !(state(id) && state(foreign)) {
-        assert!(start.elapsed() < NEVER, "they are never done");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    until("both done", || state(id) && state(foreign));
     end(worker, Signal::TERM);
     end(serve, Signal::INT);
     let (submit, jobs) = (collector.one("submit"), collector.named("job"));
@@ -293,7 +287,7 @@ fn a_render_is_a_trace_and_a_collector_that_is_absent_or_silent_changes_nothing(
     }
     assert!(collector.all().iter().all(|got| got.trace == root.trace));
     // Nobody listens there; and somebody does who never answers.
-    let absent = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let absent = loopback::free();
     let silent = TcpListener::bind("127.0.0.1:0").unwrap();
     for (name, at) in [("absent.png", absent), ("silent.png", silent.local_addr().unwrap())] {
         let (ended, same) = render(folder.path(), name, &["--otlp", &format!("http://{at}")]);
@@ -312,11 +306,7 @@ fn an_interrupted_render_sends_what_it_recorded() {
         "coordinator",
         &["render", demo, "-o", picture, "--size", "4000x4000", "--samples", "4096", "--otlp", &collector.url],
     );
-    let start = Instant::now();
-    while collector.stitched().is_empty() {
-        assert!(start.elapsed() < NEVER, "no span comes");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    until("a span", || !collector.stitched().is_empty());
     long.signal(Signal::INT);
     assert_eq!(long.end().0.code(), Some(130));
     let (root, job) = (collector.one("render"), collector.one("job"));

@@ -4,7 +4,6 @@
 #![cfg(unix)]
 
 use std::future::Future;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -15,6 +14,7 @@ use chromiumoxide::{Browser, BrowserConfig, Page};
 use rustix::process::Signal;
 use serde_json::Value;
 use tessera_tests::judge::judge;
+use tessera_tests::loopback;
 use tessera_tests::process::Process;
 use tessera_tests::program::{Running, coordinator, run, scene};
 use tokio::time::timeout;
@@ -112,10 +112,6 @@ const TINTED: &str =
     "const c = document.getElementById('tint'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
     let n = 0; for (let i = 3; i < d.length; i += 4) if (d[i] > 0) n++; return n";
 
-fn free() -> String {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
-}
-
 /// Does not wait for threads that read what a browser says, however a test ends.
 struct Runtime(Option<tokio::runtime::Runtime>);
 
@@ -142,7 +138,8 @@ struct Farm {
 
 impl Farm {
     fn start() -> Self {
-        let (folder, at, web) = (tempfile::tempdir().unwrap(), free(), free());
+        let (folder, at, web) =
+            (tempfile::tempdir().unwrap(), loopback::free().to_string(), loopback::free().to_string());
         let serve = Some(Self::serve(folder.path(), &at, &web));
         let worker = Process::start("worker", &["--connect", &at, "--threads", "1", "--name", "bert"]);
         Self { folder, at, web, serve, _worker: worker }
@@ -269,7 +266,7 @@ fn the_pixel_under_the_pointer_is_that_of_the_file() {
 fn a_browser_logs_in_by_the_users_token_and_out() {
     let Some(program) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
-    let port = free().rsplit(':').next().unwrap().to_owned();
+    let port = loopback::free().port();
     let http = format!("0.0.0.0:{port}");
     let mut command =
         coordinator(folder.path(), ["serve", "--state", "farm", "--listen", "127.0.0.1:0", "--http", &http]);
@@ -308,7 +305,7 @@ fn a_browser_logs_in_by_the_users_token_and_out() {
 #[test]
 fn a_single_render_is_watched_and_given_up() {
     let Some(program) = chromium() else { return };
-    let (folder, web) = (tempfile::tempdir().unwrap(), free());
+    let (folder, web) = (tempfile::tempdir().unwrap(), loopback::free().to_string());
     let demo = scene("demo.xml").display().to_string();
     let args = ["render", &demo, "-o", "demo.png", "--size", "1200x900", "--samples", "4096", "--http", &web];
     let mut render = Running::start(&mut coordinator(folder.path(), args));
@@ -332,7 +329,7 @@ fn a_single_render_is_watched_and_given_up() {
 #[ignore = "it writes a picture for the documents"]
 fn what_the_documents_show() {
     let Some(program) = chromium() else { return };
-    let (folder, web) = (tempfile::tempdir().unwrap(), free());
+    let (folder, web) = (tempfile::tempdir().unwrap(), loopback::free().to_string());
     let mirrors = scene("mirrors.xml").display().to_string();
     let view = ["--size", "960x720", "--max-depth", "8", "--max-error", "0.25", "--verify", "1/10", "--workers", "4"];
     let mut command =

@@ -5,20 +5,18 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rustix::process::Signal;
 use serde_json::Value;
+use tessera_tests::loopback;
 use tessera_tests::process::Process;
 use tessera_tests::program::{self, Ended, run, scene};
-use tessera_tests::web::{PROOF, http};
-
-/// Longer than anything here takes.
-const NEVER: Duration = Duration::from_secs(60);
+use tessera_tests::wait::until;
+use tessera_tests::web::{OWN_REQUEST, http};
 
 /// A farm of its own in a folder of its own, with workers that outlast it.
 struct Farm {
@@ -30,7 +28,7 @@ struct Farm {
 
 impl Farm {
     fn start(workers: usize) -> Self {
-        let at = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+        let at = loopback::free().to_string();
         let mut farm = Self { folder: tempfile::tempdir().unwrap(), at, serve: None, workers: Vec::new() };
         farm.serve();
         farm.workers = (0..workers).map(|n| farm.worker(&format!("w{n}"))).collect();
@@ -88,15 +86,7 @@ impl Farm {
     }
 
     fn until(&self, id: u64, state: &str) {
-        let start = Instant::now();
-        loop {
-            let now = self.state(id);
-            if now == state {
-                return;
-            }
-            assert!(start.elapsed() < NEVER, "job {id} is {now}, and never {state}");
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        until(&format!("job {id} is {state}"), || self.state(id) == state);
     }
 
     /// The bytes of a job's picture as floats.
@@ -150,7 +140,7 @@ fn a_render_by_a_farm_writes_the_same_file_as_one_that_is_local() {
     let here_args = ["render", demo.to_str().unwrap(), "-o", here.to_str().unwrap()];
     assert_eq!(run(farm.folder.path(), [&here_args[..], &flags].concat()).code, Some(0));
     assert_eq!(fs::read(here).unwrap(), fs::read(there).unwrap());
-    let report: Value = serde_json::from_str(&fs::read_to_string(report).unwrap()).unwrap();
+    let report = program::report(&report);
     assert_eq!((report["complete"].as_bool(), report["accuracy"]["target_met"].as_bool()), (Some(true), Some(true)));
     // A scene that is not valid is told here, as ever.
     let bad = farm.path("bad.xml");
@@ -176,23 +166,15 @@ fn jobs_are_paused_gone_on_with_and_cancelled() {
     farm.ok(&["resume", &id]);
     farm.until(long, "rendering");
     // As far as it is, it can be seen.
-    let start = Instant::now();
-    while farm.call(&["fetch", &id, "-o", "part.png", "--partial"]).code != Some(0) {
-        assert!(start.elapsed() < NEVER, "nothing is done");
-        std::thread::sleep(Duration::from_millis(100));
-    }
+    until("something done", || farm.call(&["fetch", &id, "-o", "part.png", "--partial"]).code == Some(0));
     assert_ne!(farm.call(&["fetch", &id, "-o", "whole.png"]).code, Some(0));
     farm.ok(&["cancel", &id]);
     assert_eq!(farm.state(long), "cancelled");
     assert_eq!(farm.call(&["resume", &id]).code, Some(2));
     let unknown = farm.call(&["cancel", "999"]);
     assert!(unknown.code == Some(2) && unknown.err.contains("no job 999"), "{}", unknown.err);
-    let start = Instant::now();
     let journals = || fs::read_dir(farm.path("state").join("journals")).unwrap().count();
-    while journals() > 0 {
-        assert!(start.elapsed() < NEVER, "the journal stays");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    until("no journal", || journals() == 0);
 }
 
 #[test]
@@ -341,7 +323,7 @@ fn a_farm_that_is_told_to_stop_keeps_what_is_done_and_two_do_not_share_a_folder(
 #[test]
 fn users_and_workers_have_secrets_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
-    let at = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let at = loopback::free().to_string();
     let file = |name: &str| folder.path().join(name).display().to_string();
     let (state, workers, users) = (file("state"), file("workers"), file("users"));
     let environment = |command: &mut Command| {
@@ -403,17 +385,8 @@ fn the_dashboard_asks_for_what_is_told(metrics: &str) {
     assert!(asked > 5);
 }
 
-#[test]
-fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this_machine_alone() {
-    let mut farm = Farm::start(1);
-    farm.kill();
-    let web = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
-    farm.serve_at(&web);
-    let demo = scene("demo.xml");
-    let id = farm.submit(&demo, &["--size", "48x32", "--samples", "4", "--wait"]);
-    let get = |path: &str| http(&web, "GET", path, "");
-
-    let document = get("/api/v1/openapi.json").json();
+/// Asks for everything that there is, with sense and without.
+fn every_answer_is_documented(web: &str, document: &Value, id: u64) {
     for (path, item) in document["paths"].as_object().unwrap() {
         for method in ["get", "post"].into_iter().filter(|m| item.get(m).is_some()) {
             let documented = item[method]["responses"].as_object().unwrap();
@@ -425,30 +398,47 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
                     "?region=0,0,9,9&width=0",
                 ] {
                     let asked = path.replace("{id}", &named).replace("{name}", &named) + query;
-                    let answer = http(&web, &method.to_uppercase(), &asked, PROOF);
+                    let answer = http(web, &method.to_uppercase(), &asked, OWN_REQUEST);
                     let status = answer.status.to_string();
                     assert!(documented.contains_key(&status), "{method} {asked}: {status} is not documented");
                 }
             }
         }
     }
-    let jobs = get("/api/v1/jobs").json();
-    is_a(&document, "Job", &jobs["jobs"][0]);
-    assert_eq!(jobs["counts"]["done"], 1);
-    let workers = get("/api/v1/workers").json();
-    is_a(&document, "Worker", &workers["workers"][0]);
+}
 
-    // A pixel is that of the file: 48 x 32 floats, rows from the bottom.
-    let file = farm.fetched(id);
+/// A pixel is that of the file: 48 x 32 floats, rows from the bottom.
+fn pixels_are_those_of_the_file(web: &str, id: u64, file: &[u8]) {
     let pixels = &file[file.len() - 48 * 32 * 12..];
     for (x, y) in [(0, 0), (47, 31), (20, 17)] {
-        let pixel = get(&format!("/api/v1/jobs/{id}/pixel?x={x}&y={y}")).json();
+        let pixel = http(web, "GET", &format!("/api/v1/jobs/{id}/pixel?x={x}&y={y}"), "").json();
         let at = 12 * ((31 - y) * 48 + x);
         for c in 0..3 {
             let bytes: [u8; 4] = pixels[at + 4 * c..at + 4 * c + 4].try_into().unwrap();
             assert_eq!(pixel["linear"][c].as_f64().unwrap() as f32, f32::from_le_bytes(bytes), "{x},{y}");
         }
     }
+}
+
+#[test]
+fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this_machine_alone() {
+    let mut farm = Farm::start(1);
+    farm.kill();
+    let web = loopback::free().to_string();
+    farm.serve_at(&web);
+    let demo = scene("demo.xml");
+    let id = farm.submit(&demo, &["--size", "48x32", "--samples", "4", "--wait"]);
+    let get = |path: &str| http(&web, "GET", path, "");
+
+    let document = get("/api/v1/openapi.json").json();
+    every_answer_is_documented(&web, &document, id);
+    let jobs = get("/api/v1/jobs").json();
+    is_a(&document, "Job", &jobs["jobs"][0]);
+    assert_eq!(jobs["counts"]["done"], 1);
+    let workers = get("/api/v1/workers").json();
+    is_a(&document, "Worker", &workers["workers"][0]);
+
+    pixels_are_those_of_the_file(&web, id, &farm.fetched(id));
     let picture = get(&format!("/api/v1/jobs/{id}/picture.png?region=8,8,24,16&width=32"));
     assert_eq!(&picture.body[1..4], b"PNG");
     assert_eq!(&picture.body[16..24], [0, 0, 0, 32, 0, 0, 0, 16]);
@@ -459,7 +449,7 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
     let pause = format!("/api/v1/jobs/{id}/pause");
     assert_eq!(http(&web, "POST", &pause, "Origin: http://evil.example\r\n").status, 403);
     assert_eq!(http(&web, "POST", &pause, "").status, 403, "a form can send that");
-    assert_eq!(http(&web, "POST", &pause, PROOF).status, 409);
+    assert_eq!(http(&web, "POST", &pause, OWN_REQUEST).status, 409);
     assert!(String::from_utf8(get("/metrics").body).unwrap().contains("tessera_jobs{state=\"done\"} 1"));
     the_dashboard_asks_for_what_is_told(&String::from_utf8(get("/metrics").body).unwrap());
     let log = get("/api/v1/log").json()["lines"].to_string();
@@ -469,11 +459,7 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
 
     // Another picture grows while it is looked at.
     let long = farm.submit(&demo, &["--size", "1200x900", "--samples", "4096"]);
-    let start = Instant::now();
-    while get(&format!("/api/v1/jobs/{long}/tiles")).json()["tiles"].as_array().unwrap().is_empty() {
-        assert!(start.elapsed() < NEVER, "no tile is told");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    until("a tile", || !get(&format!("/api/v1/jobs/{long}/tiles")).json()["tiles"].as_array().unwrap().is_empty());
     assert_eq!(get(&format!("/api/v1/jobs/{long}/picture.png?width=64")).status, 200);
     // It stays when the farm is killed, and can be seen before it is rendered again.
     farm.ok(&["pause", &long.to_string()]);
@@ -481,12 +467,8 @@ fn the_interface_for_machines_is_what_its_document_says_and_the_page_is_for_this
     farm.serve_at(&web);
     assert_eq!(get(&format!("/api/v1/jobs/{long}")).json()["state"], "paused");
     // Whoever is drained leaves for good.
-    let start = Instant::now();
-    while get("/api/v1/workers").json()["count"] != 1 {
-        assert!(start.elapsed() < NEVER, "the worker does not come back");
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    assert_eq!(http(&web, "POST", "/api/v1/workers/w0/drain", PROOF).status, 200);
+    until("the worker back", || get("/api/v1/workers").json()["count"] == 1);
+    assert_eq!(http(&web, "POST", "/api/v1/workers/w0/drain", OWN_REQUEST).status, 200);
     let (status, said) = farm.workers.remove(0).end();
     assert_eq!(status.code(), Some(0), "{said}");
 }

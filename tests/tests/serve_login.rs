@@ -3,12 +3,12 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on may stop")]
 #![cfg(unix)]
 
-use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use tessera_tests::loopback;
 use tessera_tests::program::{Running, coordinator, run};
-use tessera_tests::web::{Answer, PROOF, Secure, http};
+use tessera_tests::web::{Answer, OWN_REQUEST, Secure, http};
 
 /// A farm whose page others can reach.
 struct Open {
@@ -18,14 +18,10 @@ struct Open {
     said: String,
 }
 
-fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
-
 impl Open {
     fn start() -> Self {
-        let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
-        let (http, listen) = (format!("0.0.0.0:{port}"), format!("127.0.0.1:{}", free_port()));
+        let (folder, port) = (tempfile::tempdir().unwrap(), loopback::free().port());
+        let (http, listen) = (format!("0.0.0.0:{port}"), format!("127.0.0.1:{}", loopback::free().port()));
         let args = ["serve", "--state", "farm", "--listen", &listen, "--http", &http];
         let mut command = coordinator(folder.path(), args);
         command.env("XDG_STATE_HOME", folder.path()).env_remove("TESSERA_TOKEN");
@@ -52,7 +48,7 @@ impl Open {
 
     /// Logs in; gives the line of a head that shows it.
     fn session(&self) -> String {
-        let answer = self.ask("POST", "/login", PROOF, &self.token("user-token"));
+        let answer = self.ask("POST", "/login", OWN_REQUEST, &self.token("user-token"));
         assert_eq!(answer.status, 204, "{}", answer.head);
         let cookie = answer.header("set-cookie").unwrap();
         for kept in ["__Host-", "; Secure", "; HttpOnly", "; SameSite=Strict", "; Path=/"] {
@@ -79,7 +75,7 @@ fn nothing_is_answered_without_a_login() {
     for path in ["/login", "/login.js", "/login.css", "/healthz", "/readyz"] {
         assert_eq!(farm.get(path, "").status, 200, "{path}");
     }
-    assert_eq!(farm.ask("POST", "/api/v1/jobs/1/cancel", PROOF, "").status, 401);
+    assert_eq!(farm.ask("POST", "/api/v1/jobs/1/cancel", OWN_REQUEST, "").status, 401);
     // Without TLS there is only a word of where it is.
     let plain = http(&format!("127.0.0.1:{}", farm.port), "GET", "/login", "");
     assert!(plain.status == 400 && String::from_utf8_lossy(&plain.body).contains("https"), "{}", plain.head);
@@ -104,7 +100,7 @@ fn the_users_token_logs_in_and_no_other() {
     let wrong = format!("{}{}", &user[..user.len() - 22], "A".repeat(22));
     for _ in 0..3 {
         let start = Instant::now();
-        assert_eq!(farm.ask("POST", "/login", PROOF, &wrong).status, 401);
+        assert_eq!(farm.ask("POST", "/login", OWN_REQUEST, &wrong).status, 401);
         let least = if last == Duration::ZERO { Duration::from_millis(100) } else { 2 * last };
         assert!(start.elapsed() >= least, "{:?}", start.elapsed());
         last = least;
@@ -117,7 +113,7 @@ fn the_users_token_logs_in_and_no_other() {
 
     // Another begins and ends; the first goes on, until the token is another.
     let second = farm.session();
-    assert_eq!(farm.ask("POST", "/logout", &format!("{PROOF}{second}"), "").status, 204);
+    assert_eq!(farm.ask("POST", "/logout", &format!("{OWN_REQUEST}{second}"), "").status, 204);
     assert_eq!((farm.get("/", &second).status, farm.get("/", &session).status), (401, 200));
     let mut renew = coordinator(farm.folder.path(), ["token", "renew", "--user"]);
     assert!(renew.env("XDG_STATE_HOME", farm.folder.path()).output().unwrap().status.success());
@@ -133,16 +129,20 @@ fn no_other_site_logs_in_or_changes_anything() {
     let cancel = |more: &str| farm.ask("POST", "/api/v1/jobs/1/cancel", more, "").status;
     let bearer = format!("Authorization: Bearer {token}\r\n");
     for foreign in ["Origin: https://evil.example\r\n", "Origin: null\r\n", "Sec-Fetch-Site: cross-site\r\n"] {
-        assert_eq!(cancel(&format!("{session}{PROOF}{foreign}")), 403, "{foreign}");
+        assert_eq!(cancel(&format!("{session}{OWN_REQUEST}{foreign}")), 403, "{foreign}");
         assert_eq!(cancel(&format!("{bearer}{foreign}")), 403, "{foreign}");
-        assert_eq!(farm.ask("POST", "/login", &format!("{PROOF}{foreign}"), &token).status, 403, "{foreign}");
-        assert_eq!(farm.ask("POST", "/logout", &format!("{session}{PROOF}{foreign}"), "").status, 403, "{foreign}");
+        assert_eq!(farm.ask("POST", "/login", &format!("{OWN_REQUEST}{foreign}"), &token).status, 403, "{foreign}");
+        assert_eq!(
+            farm.ask("POST", "/logout", &format!("{session}{OWN_REQUEST}{foreign}"), "").status,
+            403,
+            "{foreign}"
+        );
     }
     // What a form could send is not enough, wherever it is.
     assert_eq!(cancel(&format!("{session}{own}")), 403);
     assert_eq!(farm.ask("POST", "/login", &own, &token).status, 403);
     // From the page itself it is heard: there is no such job.
-    assert_eq!(cancel(&format!("{session}{PROOF}{own}")), 404);
+    assert_eq!(cancel(&format!("{session}{OWN_REQUEST}{own}")), 404);
     assert_eq!(cancel(&bearer), 404);
 }
 

@@ -110,25 +110,33 @@ fn case_19_every_crossing_is_counted_once() {
 /// The most surface that a ray may see edge-on, as a cosine.
 const EDGE_ON: f64 = 1e-6;
 
-/// A scanned mesh has holes and edges of three faces, so nothing is inside it. But a ray at an edge
-/// between two faces that both face it, or both face away, crosses one of them there: it is met
-/// there or before, and where it is met there, by one of the two, the first in the document of
-/// those that exact arithmetic says are met.
-fn crosses_every_seam(name: &str, mesh: &Mesh) {
+/// An edge, and the two faces at it.
+type Seam = ([usize; 2], [usize; 2]);
+
+/// Edges between two faces that turn the same way: they run once in each direction.
+fn seams(mesh: &Mesh) -> Vec<Seam> {
     let mut beside: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
     for (k, f) in mesh.faces.iter().enumerate() {
         for i in 0..3 {
             beside.entry([f[i], f[(i + 1) % 3]]).or_default().push(k);
         }
     }
-    // Edges run once in each direction, by faces that turn the same way.
-    let mut seams: Vec<([usize; 2], [usize; 2])> = Vec::new();
+    let mut seams: Vec<Seam> = Vec::new();
     for (&[a, b], left) in &beside {
         if let (true, [l], Some([r])) = (a < b, &left[..], beside.get(&[b, a]).map(|r| &r[..])) {
             seams.push(([a, b], [*l, *r]));
         }
     }
     seams.sort_unstable();
+    seams
+}
+
+/// A scanned mesh has holes and edges of three faces, so nothing is inside it. But a ray at an edge
+/// between two faces that both face it, or both face away, crosses one of them there: it is met
+/// there or before, and where it is met there, by one of the two, the first in the document of
+/// those that exact arithmetic says are met.
+fn crosses_every_seam(name: &str, mesh: &Mesh) {
+    let seams = seams(mesh);
     // The faces around each vertex, and how many seams run into it: as many where they close around it.
     let mut around = vec![Vec::new(); mesh.vertices.len()];
     for (k, f) in mesh.faces.iter().enumerate() {

@@ -152,17 +152,3 @@ impl AccessFlags {
         format!("worker --connect {dial}{how}")
     }
 }
-
-/// Takes as many open files as the system lets this process have: each worker is one.
-pub(crate) fn raise_open_files() {
-    #[cfg(unix)]
-    {
-        use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-        let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-        let wanted = maximum.unwrap_or(u64::MAX).min(1 << 16);
-        if current.is_some_and(|now| now < wanted) {
-            // Where it is not granted, there is room for fewer.
-            let _ = setrlimit(Resource::Nofile, Rlimit { current: Some(wanted), maximum });
-        }
-    }
-}

@@ -3,6 +3,7 @@
 mod farm;
 mod fleet;
 mod help;
+mod measure;
 mod scenes;
 
 use std::path::PathBuf;
@@ -20,6 +21,7 @@ use super::access::{AccessFlags, PictureFlags, TokenCommand};
 
 pub(crate) use farm::{ChangeJob, FarmFlags, Fetch, Jobs, OtlpFlags, Serve, Submit, Workers};
 pub(crate) use fleet::{Fleet, FleetFlags, OwnFleet};
+pub(crate) use measure::Measure;
 pub(crate) use scenes::{Check, Compare};
 
 use help::{FLEET_EXAMPLES, RENDER_EXAMPLES, RENDER_MORE};
@@ -104,8 +106,8 @@ pub(crate) enum Command {
         Exit code: 0 within the tolerance, 1 beyond it or of another size, 2 a file cannot be read.")]
     Compare(Compare),
     /// Measure what accuracy costs on a scene, and recommend a setting
-    #[command(after_help = super::measure::EXAMPLES, after_long_help = super::measure::MORE)]
-    Measure(Box<super::measure::Flags>),
+    #[command(after_help = measure::EXAMPLES, after_long_help = measure::MORE)]
+    Measure(Box<Measure>),
     /// Print the token that lets workers of other machines join, or make another
     #[command(after_help = "Examples:\n  \
         coordinator token                             print it; it is made on first use\n  \

@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use coordinator::RenderError;
+
 /// What the exit code says; scripts rely on the numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
@@ -45,5 +47,28 @@ impl Failure {
     /// Ends with [`Exit::Usage`].
     pub(crate) fn usage(message: impl ToString) -> Self {
         Self::new(Exit::Usage, message)
+    }
+}
+
+impl From<&RenderError> for Failure {
+    fn from(error: &RenderError) -> Self {
+        let exit = match error {
+            RenderError::NoWorkers { .. } => Exit::NoWorkers,
+            RenderError::Prepare(_) | RenderError::Region(_) => Exit::Usage,
+            RenderError::Cancelled => return Self::new(Exit::Interrupted, "interrupted"),
+            RenderError::Listen { .. }
+            | RenderError::Tile { .. }
+            | RenderError::Memory(_)
+            | RenderError::Scratch(..)
+            | RenderError::Journal(_)
+            | RenderError::Internal(_) => Exit::Failed,
+        };
+        let remedy = match error {
+            RenderError::NoWorkers { ever: false, .. } => {
+                "; start workers by 'worker --connect HOST:PORT', or let this machine help with --workers N"
+            }
+            _ => "",
+        };
+        Self::new(exit, format!("{error}{remedy}"))
     }
 }

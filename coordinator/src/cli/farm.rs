@@ -32,13 +32,21 @@ use worker::{Access, Address, Credentials};
 
 use super::args::FarmFlags;
 use super::exit::{Exit, Failure};
-use super::render::blocking;
+use super::runtime::blocking;
 
 /// The variables that may name the farm and hold the token.
 const FARM_VARIABLE: &str = "TESSERA_FARM";
 const TOKEN_VARIABLE: &str = "TESSERA_TOKEN";
 /// How long the farm may take to be reached.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
+
+/// What is to become of a job.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Change {
+    Pause,
+    Resume,
+    Cancel,
+}
 
 /// A connection to a farm.
 #[derive(Clone, Debug)]
@@ -167,8 +175,7 @@ impl Client {
         all(workers.into_inner()).await
     }
 
-    pub(super) async fn change(&mut self, id: u64, change: super::jobs::Change) -> Result<Job, Failure> {
-        use super::jobs::Change;
+    pub(super) async fn change(&mut self, id: u64, change: Change) -> Result<Job, Failure> {
         let name = JobName { id };
         let changed = match change {
             Change::Pause => self.calls.pause(name).await,

@@ -20,7 +20,9 @@ use super::args::{self, FarmFlags, FleetFlags, OwnFleet};
 use super::console::Console;
 use super::exit::{Exit, Failure};
 use super::farm::{Client, Reached};
-use super::{render, signals};
+use super::options::resolve;
+use super::runtime::{blocking, on_runtime};
+use super::{scene, signals};
 
 /// Where flags say nothing else.
 const GIVE_UP_AFTER: Duration = Duration::from_secs(120);
@@ -124,7 +126,7 @@ pub(crate) fn run(raw: &args::Fleet, console: &Console) -> Result<Exit, Failure>
         return Ok(Exit::Done);
     }
     let stop = signals::stop_on_signal(console);
-    render::on_runtime(1, beside_farm(raw, fleet, console, stop))
+    on_runtime(1, beside_farm(raw, fleet, console, stop))
 }
 
 /// Keeps workers for a farm that somebody else runs, for as long as there is one.
@@ -170,7 +172,7 @@ async fn beside_farm(
             }
         }
     };
-    let kept = render::blocking(move || keeper.end()).await?;
+    let kept = blocking(move || keeper.end()).await?;
     kept.map_err(failed).and(ended)
 }
 
@@ -194,21 +196,6 @@ pub(crate) struct Own {
 }
 
 impl OwnFleet {
-    /// Checks what can be known before anything is done; whether there is a fleet.
-    pub(crate) fn check(&self, listens: bool) -> Result<(), Failure> {
-        match &self.fleet {
-            None if self.flags.is_given() => Err(Failure::usage(
-                "which engine is to start workers? Give --fleet slurm, pbs, lsf, kubernetes or ssh:FILE",
-            )),
-            // In a cluster, it listens where the manifests say.
-            Some(Engine::Kubernetes) if self.flags.print => Ok(()),
-            Some(_) if !listens => {
-                Err(Failure::usage("--fleet needs --listen ADDR, where the engine's workers reach this farm"))
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// What would be submitted for a farm that listens as asked.
     pub(crate) async fn print(
         &self,
@@ -225,7 +212,7 @@ impl OwnFleet {
             console.out(&fleet.print_farm(&inside()?).map_err(failed)?)?;
             return Ok(Exit::Done);
         }
-        let coordinator::ListenAddr::Socket(addr) = super::options::resolve(listen).await? else {
+        let coordinator::ListenAddr::Socket(addr) = resolve(listen).await? else {
             return Err(Failure::usage("--fleet needs --listen ADDR"));
         };
         let token = match access.asks(addr) {
@@ -322,17 +309,17 @@ impl Own {
 }
 
 /// A scene as a coordinator in a cluster is given it: the text itself, with the picture's flags as they were typed.
-pub(super) fn scene_in_cluster(scene: &Path, output: &Path) -> Result<InCluster, Failure> {
+pub(super) fn scene_in_cluster(file: &Path, output: &Path) -> Result<InCluster, Failure> {
     let elsewhere = "have it stay in the cluster by 'coordinator serve --fleet kubernetes --print', and submit to it";
-    let read = super::scene::read(scene, Vec::new());
+    let read = scene::read(file, Vec::new());
     if read.scene.is_none() {
-        let name = scene.display();
+        let name = file.display();
         return Err(Failure::new(Exit::Scene, format!("'{name}' is not valid; 'coordinator check {name}' says why")));
     }
     if !read.pictures.is_empty() {
         return Err(Failure::usage(format!("a scene with pictures does not go into a manifest: {elsewhere}")));
     }
-    let text = std::fs::read_to_string(scene).map_err(|e| Failure::usage(format!("'{}': {e}", scene.display())))?;
+    let text = std::fs::read_to_string(file).map_err(|e| Failure::usage(format!("'{}': {e}", file.display())))?;
     if text.len() > MOST_SCENE_BYTES {
         return Err(Failure::usage(format!(
             "a scene of {} bytes is too large for a manifest: {elsewhere}",
@@ -341,7 +328,7 @@ pub(super) fn scene_in_cluster(scene: &Path, output: &Path) -> Result<InCluster,
     }
     let named = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    let name = named(scene).chars().map(plain).collect();
+    let name = named(file).chars().map(plain).collect();
     Ok(InCluster::Render { name, text, flags: picture_flags(), output: named(output) })
 }
 

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use coordinator::web::worker_json;
+use coordinator::{is_final, state_name};
 use serde_json::{Value, json};
 use tessera_proto::control::{Job, State, Worker};
 use tessera_proto::convert::printable;
@@ -10,46 +11,16 @@ use tessera_proto::convert::printable;
 use super::args::{ChangeJob, Jobs, Workers};
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use super::farm::Client;
-use super::render::on_runtime;
-use super::{progress, serve};
+use super::farm::{Change, Client};
+use super::progress;
+use super::runtime::{cores, on_runtime};
 
 /// Between two looks at the jobs.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
-/// What is to become of a job.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Change {
-    Pause,
-    Resume,
-    Cancel,
-}
-
-/// A peer's text, fit for a terminal.
-pub(super) fn printed(text: &str) -> String {
-    printable(text)
-}
-
-/// A state in a word.
-pub(super) fn state_name(state: State) -> &'static str {
-    match state {
-        State::Unspecified => "unknown",
-        State::Queued => "queued",
-        State::Rendering => "rendering",
-        State::Paused => "paused",
-        State::Done => "done",
-        State::Failed => "failed",
-        State::Cancelled => "cancelled",
-    }
-}
-
-fn is_final(job: &Job) -> bool {
-    matches!(job.state(), State::Done | State::Failed | State::Cancelled)
-}
-
 /// Lists jobs.
 pub(crate) fn list(raw: &Jobs, console: &Console) -> Result<Exit, Failure> {
-    on_runtime(serve::cores(), async {
+    on_runtime(cores(), async {
         let mut client = Client::connect(&raw.farm).await?;
         let mut said = String::new();
         loop {
@@ -70,7 +41,7 @@ pub(crate) fn list(raw: &Jobs, console: &Console) -> Result<Exit, Failure> {
                 console.out(&text)?;
                 said = text;
             }
-            if !raw.watch || jobs.iter().all(is_final) {
+            if !raw.watch || jobs.iter().all(|job| is_final(job.state())) {
                 return Ok(Exit::Done);
             }
             tokio::time::sleep(LOOK_EVERY).await;
@@ -80,7 +51,7 @@ pub(crate) fn list(raw: &Jobs, console: &Console) -> Result<Exit, Failure> {
 
 /// Changes jobs' states.
 pub(crate) fn change(raw: &ChangeJob, change: Change, console: &Console) -> Result<Exit, Failure> {
-    on_runtime(serve::cores(), async {
+    on_runtime(cores(), async {
         let mut client = Client::connect(&raw.farm).await?;
         for &id in &raw.ids {
             let job = client.change(id, change).await?;
@@ -92,7 +63,7 @@ pub(crate) fn change(raw: &ChangeJob, change: Change, console: &Console) -> Resu
 
 /// Lists workers.
 pub(crate) fn workers(raw: &Workers, console: &Console) -> Result<Exit, Failure> {
-    on_runtime(serve::cores(), async {
+    on_runtime(cores(), async {
         let mut client = Client::connect(&raw.farm).await?;
         let workers = client.workers().await?;
         let text = match raw.json {
@@ -102,6 +73,19 @@ pub(crate) fn workers(raw: &Workers, console: &Console) -> Result<Exit, Failure>
         console.out(&text)?;
         Ok(Exit::Done)
     })
+}
+
+/// What a job that ended means for whoever waited for it.
+pub(super) fn verdict(job: &Job) -> Result<(), Failure> {
+    let id = job.id;
+    match job.state() {
+        State::Done if job.result.as_ref().is_some_and(|r| r.target_met == Some(false)) => {
+            Err(Failure::new(Exit::TargetMissed, format!("job {id}: the error asked for was not reached")))
+        }
+        State::Done => Ok(()),
+        State::Failed => Err(Failure::new(Exit::Failed, format!("job {id} failed: {}", printable(&job.failure)))),
+        state => Err(Failure::new(Exit::Failed, format!("job {id} is {}", state_name(state)))),
+    }
 }
 
 /// Rows as columns, each as wide as it has to be; the last is not padded.
@@ -134,12 +118,12 @@ fn table(jobs: &[Job]) -> String {
             }
             (None, _) => String::new(),
         };
-        let mut name = printed(&spec.name);
+        let mut name = printable(&spec.name);
         if !job.failure.is_empty() {
-            name += &format!(" ({})", printed(&job.failure));
+            name += &format!(" ({})", printable(&job.failure));
         }
         let (id, state) = (job.id.to_string(), state_name(job.state()).to_owned());
-        vec![id, state, share, printed(&spec.owner), spec.priority.to_string(), size, name]
+        vec![id, state, share, printable(&spec.owner), spec.priority.to_string(), size, name]
     });
     columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
 }
@@ -155,7 +139,7 @@ fn worker_table(workers: &[Worker]) -> String {
         let speed = format!("{:.1}", mega_rays(w));
         let counts = [w.tiles.to_string(), w.lost.to_string()];
         let [tiles, lost] = counts;
-        vec![printed(&w.name), printed(&w.address), w.threads.to_string(), job, tiles, lost, speed]
+        vec![printable(&w.name), printable(&w.address), w.threads.to_string(), job, tiles, lost, speed]
     });
     columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
 }

@@ -1,29 +1,15 @@
 //! `--journal` and `--restart`: from where a render goes on.
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use coordinator::RenderJob;
-use coordinator::journal::{Head, Journal, JournalError};
+use coordinator::journal::{Journal, JournalError};
 
 use tessera_core::film::file::plan_text;
 
 use super::exit::{Exit, Failure};
 use super::options::Options;
-
-/// Where what is done is kept, of what was asked for; `None` for nowhere.
-pub(super) fn place(asked: Option<PathBuf>, output: &Path) -> Option<PathBuf> {
-    match asked {
-        Some(path) if path.as_os_str() == "none" => None,
-        Some(path) => Some(path),
-        None => {
-            let mut name = output.as_os_str().to_owned();
-            name.push(".journal");
-            Some(name.into())
-        }
-    }
-}
 
 /// The journal that was asked for, and what an earlier run left in it.
 pub(super) fn open(options: &Options) -> Result<Option<Arc<Journal>>, Failure> {
@@ -45,7 +31,7 @@ pub(super) fn open(options: &Options) -> Result<Option<Arc<Journal>>, Failure> {
 pub(super) fn check(journal: &Journal, job: &RenderJob) -> Result<Option<(f64, u32)>, Failure> {
     let share = journal.share();
     if share.is_some() {
-        journal.check(&Head::of(job)).map_err(failure)?;
+        journal.check(&job.head()).map_err(failure)?;
     }
     Ok(share)
 }

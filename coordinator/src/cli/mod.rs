@@ -25,6 +25,7 @@ mod progress;
 mod remote;
 mod render;
 mod report;
+mod runtime;
 mod scene;
 mod serve;
 mod signals;
@@ -39,6 +40,7 @@ use worker::otlp::Otlp;
 use args::{Args, Command};
 use console::Console;
 pub(crate) use exit::Exit;
+use farm::Change;
 
 /// Reads the arguments and does what they say.
 pub(crate) fn run() -> Exit {
@@ -77,9 +79,9 @@ pub(crate) fn run() -> Exit {
         Command::Submit(raw) => submit::run(*raw, &console),
         Command::Jobs(raw) => jobs::list(&raw, &console),
         Command::Workers(raw) => jobs::workers(&raw, &console),
-        Command::Pause(raw) => jobs::change(&raw, jobs::Change::Pause, &console),
-        Command::Resume(raw) => jobs::change(&raw, jobs::Change::Resume, &console),
-        Command::Cancel(raw) => jobs::change(&raw, jobs::Change::Cancel, &console),
+        Command::Pause(raw) => jobs::change(&raw, Change::Pause, &console),
+        Command::Resume(raw) => jobs::change(&raw, Change::Resume, &console),
+        Command::Cancel(raw) => jobs::change(&raw, Change::Cancel, &console),
         Command::Fetch(raw) => fetch::run(&raw, &console),
         Command::Check(raw) => check::run(&raw, &console),
         Command::Picture(raw) => picture::run(&raw, &console),

@@ -4,7 +4,8 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use coordinator::{ListenAddr, Patience, PixelFormat, TileSize};
+use coordinator::fleet::Engine;
+use coordinator::{Goal, ListenAddr, Patience, PixelFormat, TileSize};
 use tessera_core::film::Region;
 use tessera_core::film::file::{Depth, Output};
 use tessera_core::settings::{Quality, Sampling, Settings, View};
@@ -15,6 +16,9 @@ use super::exit::{Exit, Failure};
 
 /// The port where a listener gives none.
 const DEFAULT_PORT: u16 = 4747;
+
+/// Workers in this process where none are awaited.
+pub(crate) const WORKERS: usize = 2;
 
 /// A render that makes sense, as far as can be known without reading the scene.
 #[derive(Debug)]
@@ -81,6 +85,16 @@ impl Accuracy {
             Self::Quality(quality) => Some(quality.rmse()),
             Self::Error(error) => Some(error),
             Self::Time { error, .. } => error,
+        }
+    }
+
+    /// What a farm is to aim at.
+    pub(crate) fn goal(self) -> Goal {
+        match self {
+            Self::Samples => Goal::AsSet,
+            Self::Quality(quality) => Goal::Error(quality.rmse()),
+            Self::Error(error) => Goal::Error(error),
+            Self::Time { limit, error } => Goal::Time { limit, error },
         }
     }
 }
@@ -163,8 +177,8 @@ impl Options {
             _ => PixelFormat::F32,
         };
         raw.fleet.check(raw.listen.is_some())?;
-        let journal = super::journal::place(raw.journal, &path);
-        let workers = raw.workers.map_or(if raw.listen.is_some() { 0 } else { 2 }, usize::from);
+        let journal = journal_place(raw.journal, &path);
+        let workers = raw.workers.map_or(if raw.listen.is_some() { 0 } else { WORKERS }, usize::from);
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Self {
             scene: raw.scene,
@@ -195,6 +209,47 @@ impl Options {
             progress: raw.progress,
             notes,
         })
+    }
+
+    /// What a farm is to aim at. Writing the picture takes its share of a time limit.
+    pub(crate) fn goal(&self) -> Goal {
+        match self.accuracy.goal() {
+            Goal::Time { limit, error } => {
+                let writing = Duration::from_millis(20) + Duration::from_nanos(80 * self.region.area());
+                Goal::Time { limit: limit.saturating_sub(writing), error }
+            }
+            goal => goal,
+        }
+    }
+}
+
+impl OwnFleet {
+    /// Checks what can be known before anything is done.
+    pub(crate) fn check(&self, listens: bool) -> Result<(), Failure> {
+        match &self.fleet {
+            None if self.flags.is_given() => Err(Failure::usage(
+                "which engine is to start workers? Give --fleet slurm, pbs, lsf, kubernetes or ssh:FILE",
+            )),
+            // In a cluster, it listens where the manifests say.
+            Some(Engine::Kubernetes) if self.flags.print => Ok(()),
+            Some(_) if !listens => {
+                Err(Failure::usage("--fleet needs --listen ADDR, where the engine's workers reach this farm"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Where what is done is kept, of what was asked for; `None` for nowhere.
+fn journal_place(asked: Option<PathBuf>, output: &Path) -> Option<PathBuf> {
+    match asked {
+        Some(path) if path.as_os_str() == "none" => None,
+        Some(path) => Some(path),
+        None => {
+            let mut name = output.as_os_str().to_owned();
+            name.push(".journal");
+            Some(name.into())
+        }
     }
 }
 

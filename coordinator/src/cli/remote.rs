@@ -3,10 +3,10 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use coordinator::{Progress, Rendered, Verification, WorkerStats};
+use coordinator::{Progress, Rendered, Verification, WorkerStats, is_final};
 use tessera_core::scene::Scene;
 use tessera_core::trace::RayCounts;
-use tessera_proto::control::{self, Job, State};
+use tessera_proto::control::{self, Job};
 use tessera_proto::convert::{Lease, printable};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -16,10 +16,11 @@ use worker::spans::SPANS;
 use super::args::FarmFlags;
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use super::farm::{Asking, Client};
+use super::farm::{Asking, Change, Client};
+use super::jobs::verdict;
 use super::options::Options;
-use super::submit::verdict;
-use super::{jobs, progress, render};
+use super::progress;
+use super::runtime::unless_stopped;
 
 /// Has the farm render `scene`, and gives what came.
 pub(super) async fn rendered(
@@ -29,7 +30,7 @@ pub(super) async fn rendered(
     span: &Span,
 ) -> Result<Rendered, Failure> {
     let flags = FarmFlags { farm: options.farm.clone(), user_token: options.access.token_file.clone() };
-    let mut client = render::unless_stopped(stop, Client::connect(&flags)).await??;
+    let mut client = unless_stopped(stop, Client::connect(&flags)).await??;
     let span = info_span!(target: SPANS, parent: span, "submit");
     let named = client.put_scene(scene).await?;
     let name = options.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -37,7 +38,7 @@ pub(super) async fn rendered(
         settings: options.settings,
         region: options.region,
         pixels: options.pixels,
-        goal: render::goal(options),
+        goal: options.goal(),
         tile: options.tile,
         verify: options.verify,
         name: &name,
@@ -56,7 +57,7 @@ pub(super) async fn rendered(
         ended = follow(&mut client, id, &tell) => ended,
         () = stop.cancelled() => {
             let mut client = client.clone();
-            let cancelled = client.change(id, jobs::Change::Cancel).await;
+            let cancelled = client.change(id, Change::Cancel).await;
             let what = if cancelled.is_ok() { "was cancelled" } else { "may go on" };
             Err(Failure::new(Exit::Interrupted, format!("interrupted; job {id} {what}")))
         }
@@ -93,7 +94,7 @@ async fn follow(client: &mut Client, id: u64, tell: &watch::Sender<Progress>) ->
             last = Some(job);
         }
         match &last {
-            Some(job) if matches!(job.state(), State::Done | State::Failed | State::Cancelled) => {
+            Some(job) if is_final(job.state()) => {
                 return Ok(job.clone());
             }
             _ => tokio::time::sleep(Duration::from_millis(200)).await,

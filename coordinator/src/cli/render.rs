@@ -1,15 +1,15 @@
 //! `coordinator render`: a scene file to a picture file.
 
-use std::future::Future;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use coordinator::access::Access;
 use coordinator::journal::Journal;
 use coordinator::web::{Page, Single};
-use coordinator::{Farm, Goal, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch, Unfinished};
+use coordinator::{Farm, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch, Unfinished, open_files};
 use tessera_core::film::ErrorEstimate;
 use tessera_core::film::file::Output;
+use tessera_core::scene::Scene;
 use tessera_core::settings::{Detail, Quality};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
@@ -17,18 +17,18 @@ use tokio_util::sync::CancellationToken;
 use tracing::{Span, info, info_span};
 use worker::spans::SPANS;
 
-use super::access::raise_open_files;
 use super::args::{ProgressArg, Render};
 use super::console::Console;
 use super::describe::Description;
 use super::exit::{Exit, Failure};
 use super::files::Files;
 use super::finish::Rest;
-use super::fleet::Own;
+use super::fleet::{Own, scene_in_cluster};
 use super::options::{Accuracy, Options, ReportTo, resolve};
 use super::page::{self, Readers};
 use super::report::Phases;
-use super::{journal, progress, remote, scene, signals};
+use super::runtime::{blocking, on_runtime, unless_stopped};
+use super::{journal, progress, remote, scene, signals, verification};
 
 /// Renders as the flags say; `began` is when the program started.
 pub(crate) fn run(raw: Render, console: &Console, began: Instant) -> Result<Exit, Failure> {
@@ -54,7 +54,7 @@ fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, I
     }
     if options.fleet.flags.print {
         let listen = options.listen.as_deref().unwrap_or_default();
-        let inside = || super::fleet::scene_in_cluster(&options.scene, options.output.path());
+        let inside = || scene_in_cluster(&options.scene, options.output.path());
         return on_runtime(1, options.fleet.print(listen, &options.access, (inside, true, console)));
     }
     let files = files(&options)?;
@@ -70,7 +70,7 @@ fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, I
     // The farm is closed: whatever its peers do, the picture is written.
     let Ended { rendered, error, phases, description } = match ended {
         Ok(ended) => ended,
-        Err(error) => return Err(with_journal(failure(&error), journal.as_deref())),
+        Err(error) => return Err(with_journal(Failure::from(&error), journal.as_deref())),
     };
     let output = if error.is_none() { options.output.clone() } else { options.output.partial() };
     let rest =
@@ -78,7 +78,7 @@ fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, I
     let writing = info_span!(target: SPANS, parent: &span, "write picture");
     rest.finish(&output, &rendered, room)?;
     drop(writing);
-    if let Some(warning) = super::verification::warning(&rendered.verification) {
+    if let Some(warning) = verification::warning(&rendered.verification) {
         console.warning(&warning);
     }
     let summary = summary(&output, &rendered, began);
@@ -104,7 +104,7 @@ fn run_with(raw: Render, fleet: &mut Option<Own>, (console, began): (&Console, I
             }
         }
         Some(error) => {
-            let mut failure = with_journal(failure(&error), journal.as_deref());
+            let mut failure = with_journal(Failure::from(&error), journal.as_deref());
             failure.message = format!("{}\n{summary}", failure.message);
             Err(failure)
         }
@@ -135,19 +135,6 @@ fn with_journal(mut failure: Failure, journal: Option<&Journal>) -> Failure {
     failure
 }
 
-/// Runs `work` to its end, on a new runtime.
-pub(super) fn on_runtime<T>(threads: usize, work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
-    let internal = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, format!("cannot start threads: {e}"));
-    // Reading and building keep to the threads the user allows, as rendering does.
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(|e| internal(&e))?;
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(|e| internal(&e))?;
-    let done = runtime.block_on(work);
-    // What may still run (a scene half read when a signal came) is not waited for.
-    runtime.shutdown_background();
-    done
-}
-
 /// What a render came to.
 struct Ended {
     rendered: Rendered,
@@ -155,6 +142,60 @@ struct Ended {
     error: Option<RenderError>,
     phases: Phases,
     description: Option<Description>,
+}
+
+/// Reads the scene, and tells what is wrong with it.
+async fn read(
+    options: &Options,
+    (files, phases): (&mut Files, &mut Phases),
+    (console, stop): (&Console, &CancellationToken),
+    span: &Span,
+) -> Result<Arc<Scene>, Failure> {
+    let (reading, reading_span) = (Instant::now(), info_span!(target: SPANS, parent: span, "read scene"));
+    let (path, folders) = (options.scene.clone(), options.pictures.clone());
+    let read = unless_stopped(stop, blocking(move || scene::read(&path, folders))).await??;
+    drop(reading_span);
+    phases.read = reading.elapsed();
+    info!(seconds = phases.read.as_secs_f64(), "scene read");
+    for path in &read.pictures {
+        files.reads("a picture of the scene", path)?;
+    }
+    scene::accept(read, &options.scene, console)
+}
+
+/// The scene as the farm takes it: prepared, where this process has workers.
+async fn source(
+    options: &Options,
+    scene: Arc<Scene>,
+    phases: &mut Phases,
+    (stop, span): (&CancellationToken, &Span),
+) -> Result<SceneSource, Failure> {
+    if options.workers == 0 {
+        return Ok(SceneSource::Resolved(scene));
+    }
+    let (building, _span) = (Instant::now(), info_span!(target: SPANS, parent: span, "prepare scene"));
+    let prepared = unless_stopped(stop, blocking(move || PreparedScene::build(scene))).await??;
+    phases.build = building.elapsed();
+    info!(seconds = phases.build.as_secs_f64(), "structures built");
+    Ok(SceneSource::Prepared(Arc::new(prepared)))
+}
+
+/// What the farm is asked for.
+fn job(options: &Options, source: SceneSource, journal: Option<Arc<Journal>>, span: &Span) -> RenderJob {
+    RenderJob {
+        region: options.region,
+        pixels: options.pixels,
+        tile: options.tile,
+        workers: options.workers,
+        threads: options.threads,
+        goal: options.goal(),
+        verify: options.verify,
+        patience: options.patience,
+        journal,
+        span: info_span!(target: SPANS, parent: span, "job"),
+        scratch: Scratch { folder: options.output.path().parent().map(Into::into), ..Scratch::default() },
+        ..RenderJob::new(source, options.settings)
+    }
 }
 
 async fn render(
@@ -173,46 +214,15 @@ async fn render(
         watching = page.map(|page| watch_single(page, &options, stop.clone(), over.clone()));
     }
     let mut phases = Phases::default();
-    let (reading, reading_span) = (Instant::now(), info_span!(target: SPANS, parent: span, "read scene"));
-    let (path, folders) = (options.scene.clone(), options.pictures.clone());
-    let read = unless_stopped(&stop, blocking(move || scene::read(&path, folders))).await??;
-    drop(reading_span);
-    phases.read = reading.elapsed();
-    info!(seconds = phases.read.as_secs_f64(), "scene read");
-    for path in &read.pictures {
-        files.reads("a picture of the scene", path)?;
-    }
-    let scene = scene::accept(read, &options.scene, console)?;
+    let scene = read(&options, (&mut files, &mut phases), (console, &stop), span).await?;
     let description = options.report.is_some().then(|| Description::new(&options.scene.display().to_string(), &scene));
 
     let Some((farm, access)) = farm else {
         let rendered = remote::rendered(&options, scene, (console, &stop), span).await?;
         return Ok(Ok(Ended { rendered, error: None, phases, description }));
     };
-    let source = if options.workers > 0 {
-        let (building, _span) = (Instant::now(), info_span!(target: SPANS, parent: span, "prepare scene"));
-        let prepared = unless_stopped(&stop, blocking(move || PreparedScene::build(scene))).await??;
-        phases.build = building.elapsed();
-        info!(seconds = phases.build.as_secs_f64(), "structures built");
-        SceneSource::Prepared(Arc::new(prepared))
-    } else {
-        SceneSource::Resolved(scene)
-    };
-
-    let mut job = RenderJob {
-        region: options.region,
-        pixels: options.pixels,
-        tile: options.tile,
-        workers: options.workers,
-        threads: options.threads,
-        goal: goal(&options),
-        verify: options.verify,
-        patience: options.patience,
-        journal,
-        span: info_span!(target: SPANS, parent: span, "job"),
-        scratch: Scratch { folder: options.output.path().parent().map(Into::into), ..Scratch::default() },
-        ..RenderJob::new(source, options.settings)
-    };
+    let source = source(&options, scene, &mut phases, (&stop, span)).await?;
+    let mut job = job(&options, source, journal, span);
     if let Some(journal) = job.journal.clone() {
         let checked = job.clone();
         let share = unless_stopped(&stop, blocking(move || journal::check(&journal, &checked))).await???;
@@ -272,19 +282,6 @@ async fn failed(fleet: Option<&Own>) {
     }
 }
 
-/// The farm's goal. Writing the picture takes its share of a time limit.
-pub(super) fn goal(options: &Options) -> Goal {
-    match options.accuracy {
-        Accuracy::Samples => Goal::AsSet,
-        Accuracy::Quality(quality) => Goal::Error(quality.rmse()),
-        Accuracy::Error(error) => Goal::Error(error),
-        Accuracy::Time { limit, error } => {
-            let writing = Duration::from_millis(20) + Duration::from_nanos(80 * options.region.area());
-            Goal::Time { limit: limit.saturating_sub(writing), error }
-        }
-    }
-}
-
 /// Why the accuracy asked for was not reached.
 fn missed(options: &Options, rendered: &Rendered) -> Option<String> {
     let wanted = steps(options.accuracy.target()?);
@@ -316,7 +313,7 @@ fn watch_single(
 
 /// Listens before anything is read, so that a port in use costs no time.
 async fn bind(options: &Options, console: &Console) -> Result<(Farm, Access, Option<Page>), Failure> {
-    raise_open_files();
+    open_files::raise();
     let listen = match &options.listen {
         Some(text) => resolve(text).await?,
         None => coordinator::ListenAddr::Loopback,
@@ -327,7 +324,7 @@ async fn bind(options: &Options, console: &Console) -> Result<(Farm, Access, Opt
             Exit::Failed,
             format!("{e}; another program listens there: choose another port, or 0 for any free one"),
         ),
-        _ => failure(&e),
+        _ => Failure::from(&e),
     })?;
     if (options.listen.is_some() || options.workers == 0) && options.fleet.fleet.is_none() {
         let how = options.access.invitation(farm.addr(), &access);
@@ -336,21 +333,6 @@ async fn bind(options: &Options, console: &Console) -> Result<(Farm, Access, Opt
     let readers = Readers { flags: &options.access, access: &access, user_token_file: None };
     let page = page::bind(&options.http, &readers, &farm, console).await?;
     Ok((farm, access, page))
-}
-
-/// Runs `work` off the async threads.
-pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
-    tokio::task::spawn_blocking(work)
-        .await
-        .map_err(|e| Failure::new(Exit::Failed, format!("internal error: {e}; please report it")))
-}
-
-/// What `work` gives, unless a signal comes first.
-pub(super) async fn unless_stopped<T>(stop: &CancellationToken, work: impl Future<Output = T>) -> Result<T, Failure> {
-    tokio::select! {
-        done = work => Ok(done),
-        () = stop.cancelled() => Err(Failure::new(Exit::Interrupted, "interrupted before anything was rendered")),
-    }
 }
 
 /// One line about what was written.
@@ -411,26 +393,4 @@ fn ahead(rendered: &Rendered) -> String {
         let time = Duration::try_from_secs_f64(seconds).map_or_else(|_| "years".into(), progress::duration);
         format!("; --quality {} ({}) would take about {time}", quality.name(), steps(quality.rmse()))
     })
-}
-
-/// How `error` ends the program.
-pub(super) fn failure(error: &RenderError) -> Failure {
-    let exit = match error {
-        RenderError::NoWorkers { .. } => Exit::NoWorkers,
-        RenderError::Prepare(_) | RenderError::Region(_) => Exit::Usage,
-        RenderError::Cancelled => return Failure::new(Exit::Interrupted, "interrupted"),
-        RenderError::Listen { .. }
-        | RenderError::Tile { .. }
-        | RenderError::Memory(_)
-        | RenderError::Scratch(..)
-        | RenderError::Journal(_)
-        | RenderError::Internal(_) => Exit::Failed,
-    };
-    let remedy = match error {
-        RenderError::NoWorkers { ever: false, .. } => {
-            "; start workers by 'worker --connect HOST:PORT', or let this machine help with --workers N"
-        }
-        _ => "",
-    };
-    Failure::new(exit, format!("{error}{remedy}"))
 }

@@ -4,24 +4,18 @@ use std::net::SocketAddr;
 
 use coordinator::access::Access;
 use coordinator::fleet::InCluster;
-use coordinator::{Farm, Queue};
+use coordinator::{Farm, Queue, open_files};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
-use super::access::raise_open_files;
 use super::args::Serve;
 use super::console::Console;
 use super::exit::{Exit, Failure};
 use super::fleet::Own;
 use super::options::resolve;
 use super::page::{self, Readers, with_users};
-use super::render::{failure, on_runtime};
+use super::runtime::{cores, on_runtime};
 use super::signals;
-
-/// Threads that this machine has.
-pub(super) fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}
 
 /// Serves until a signal comes.
 pub(crate) fn run(raw: &Serve, console: &Console) -> Result<Exit, Failure> {
@@ -35,12 +29,12 @@ pub(crate) fn run(raw: &Serve, console: &Console) -> Result<Exit, Failure> {
 }
 
 async fn serve(raw: &Serve, threads: usize, console: &Console, stop: CancellationToken) -> Result<Exit, Failure> {
-    raise_open_files();
+    open_files::raise();
     let listen = resolve(&raw.listen).await?;
     let access = with_users(raw.access.access(listen, console)?, raw.user_token_file.as_ref())?;
     let (queue, orders) =
         Queue::open(&raw.state, raw.keep.unwrap_or_default()).map_err(|e| Failure::new(Exit::Failed, e))?;
-    let farm = Farm::bind_serving(listen, &access, &queue).await.map_err(|e| failure(&e))?;
+    let farm = Farm::bind_serving(listen, &access, &queue).await.map_err(|e| Failure::from(&e))?;
     let addr = farm.addr();
     console.say(&format!("the farm is at {addr}; start workers by: {}", raw.access.invitation(addr, &access)));
     let token = match (access.is_open(), &raw.user_token_file) {

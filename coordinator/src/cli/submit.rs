@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use coordinator::PixelFormat;
 use tessera_core::scene::Scene;
-use tessera_proto::control::{Job, State};
 use tracing::info_span;
 use worker::spans::SPANS;
 
@@ -13,14 +12,15 @@ use super::args::Submit;
 use super::console::Console;
 use super::exit::{Exit, Failure};
 use super::farm::{Asking, Client};
-use super::options::{Accuracy, Wanted};
-use super::render::{blocking, on_runtime};
-use super::{jobs, scene, serve};
+use super::jobs::verdict;
+use super::options::Wanted;
+use super::runtime::{blocking, cores, on_runtime};
+use super::scene;
 
 /// Submits the scenes and prints the jobs' numbers.
 pub(crate) fn run(raw: Submit, console: &Console) -> Result<Exit, Failure> {
     let wanted = Wanted::new(&raw.view)?;
-    on_runtime(serve::cores(), async {
+    on_runtime(cores(), async {
         let mut client = Client::connect(&raw.farm).await?;
         let group = match raw.scenes.len() {
             1 => String::new(),
@@ -48,7 +48,7 @@ pub(crate) fn run(raw: Submit, console: &Console) -> Result<Exit, Failure> {
                     "16" => PixelFormat::Rgb16,
                     _ => PixelFormat::F32,
                 },
-                goal: goal(wanted.accuracy),
+                goal: wanted.accuracy.goal(),
                 tile: raw.view.tile(),
                 verify: raw.view.verify,
                 name: &name,
@@ -82,29 +82,6 @@ pub(crate) fn run(raw: Submit, console: &Console) -> Result<Exit, Failure> {
         }
         Ok(exit)
     })
-}
-
-/// What a job that ended means for whoever waited for it.
-pub(super) fn verdict(job: &Job) -> Result<(), Failure> {
-    let id = job.id;
-    match job.state() {
-        State::Done if job.result.as_ref().is_some_and(|r| r.target_met == Some(false)) => {
-            Err(Failure::new(Exit::TargetMissed, format!("job {id}: the error asked for was not reached")))
-        }
-        State::Done => Ok(()),
-        State::Failed => Err(Failure::new(Exit::Failed, format!("job {id} failed: {}", jobs::printed(&job.failure)))),
-        state => Err(Failure::new(Exit::Failed, format!("job {id} is {}", jobs::state_name(state)))),
-    }
-}
-
-/// What a farm is to aim at.
-pub(super) fn goal(accuracy: Accuracy) -> coordinator::Goal {
-    match accuracy {
-        Accuracy::Samples => coordinator::Goal::AsSet,
-        Accuracy::Quality(quality) => coordinator::Goal::Error(quality.rmse()),
-        Accuracy::Error(error) => coordinator::Goal::Error(error),
-        Accuracy::Time { limit, error } => coordinator::Goal::Time { limit, error },
-    }
 }
 
 async fn read(path: &Path, raw: &Submit, console: &Console) -> Result<Arc<Scene>, Failure> {

@@ -22,8 +22,10 @@ use super::roster::Roster;
 use super::run::{Finished as FinishedRun, Note, Run};
 use super::service::{FarmEvent, Offer, Outbox, Shared, WorkerEvent};
 use super::shares::Shares;
-use super::timing::Timing;
-use crate::job::{Progress, RenderError, RenderJob, WorkerStats};
+use crate::config::Timing;
+use crate::error::RenderError;
+use crate::job::RenderJob;
+use crate::progress::{Progress, WorkerStats};
 use crate::scheduler::{CutOff, WorkerKey};
 
 /// Between two looks at who should render for whom, where nothing calls for one.

@@ -16,6 +16,8 @@ use tessera_proto::limits::REGISTER_WITHIN;
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
+use crate::open_files;
+
 /// Pending connections at once, at most.
 const PENDING: usize = 256;
 /// Of those, of one address.
@@ -65,7 +67,7 @@ impl Drop for InSession {
 impl Gate {
     /// For as many connections as this process may have open files.
     pub(super) fn new() -> Arc<Self> {
-        Self::of(open_files().saturating_sub(OTHER_FILES).clamp(2 * PENDING_OF_ONE, 100_000))
+        Self::of(open_files::limit().saturating_sub(OTHER_FILES).clamp(2 * PENDING_OF_ONE, 100_000))
     }
 
     fn of(most: usize) -> Arc<Self> {
@@ -180,18 +182,6 @@ pub(crate) fn prefix(address: IpAddr) -> IpAddr {
         IpAddr::V6(v6) => IpAddr::V6((u128::from(v6) & !u128::from(u64::MAX)).into()),
         v4 => v4,
     }
-}
-
-/// Files that this process may have open.
-#[cfg(unix)]
-pub(crate) fn open_files() -> usize {
-    let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
-    limit.map_or(usize::MAX, |n| usize::try_from(n).unwrap_or(usize::MAX))
-}
-
-#[cfg(not(unix))]
-pub(crate) fn open_files() -> usize {
-    1024
 }
 
 #[cfg(test)]

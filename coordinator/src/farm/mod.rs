@@ -1,10 +1,7 @@
 //! A farm: it listens for workers, and has them render its jobs. [`Farm::render`] is a farm of one job;
-//! [`Farm::serve`] one whose jobs come and go.
+//! [`Farm::serve`](crate::Farm::serve) one whose jobs come and go.
 
-mod canvas;
-mod control;
 mod dispatch;
-mod film;
 mod gate;
 mod guard;
 mod incoming;
@@ -17,7 +14,7 @@ mod service;
 mod shares;
 mod stitch;
 mod strangers;
-mod timing;
+mod users;
 pub(crate) mod verify;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -30,6 +27,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio_util::sync::{CancellationToken, DropGuard};
+use tonic::service::Routes;
 use tonic::transport::Server;
 use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
@@ -38,22 +36,20 @@ use worker::spans::{SPANS, context_of};
 use worker::{LocalScene, TileTracer};
 
 use crate::access::{Access, Guarded};
-use crate::job::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Unfinished};
-use crate::queue::{Orders, Queue};
-use control::Control;
+use crate::config::{ListenAddr, Timing};
+use crate::error::RenderError;
+use crate::job::{RenderJob, Rendered, SceneSource, Unfinished};
+use crate::progress::Progress;
 use dispatch::Dispatcher;
 use gate::Gate;
 use guard::GuardLayer;
 use incoming::Admission;
 use service::{FarmEvent, Service, Shared};
 
-pub use canvas::Canvas;
-pub(crate) use canvas::{Seen, look};
 pub(crate) use dispatch::{FARM, Order, Standing, WorkerView};
-pub use film::{Film, OnDisk, Scratch};
-pub(crate) use gate::{open_files, prefix};
+pub(crate) use gate::prefix;
 pub use strangers::Strangers;
-pub use timing::Timing;
+pub(crate) use users::UserGate;
 
 /// What workers said and the driver has not heard yet: bounds memory, since every tile may be
 /// 768 KiB.
@@ -111,18 +107,15 @@ impl Farm {
     /// # Errors
     /// [`RenderError::Listen`] when the address is taken or not of this machine.
     pub async fn bind_guarded(listen: ListenAddr, access: &Access) -> Result<Self, RenderError> {
-        Self::bind_for(listen, access, None).await
+        Self::bind_for(listen, access, |_, services| services).await
     }
 
-    /// As [`Farm::bind_guarded`], and also answers the users of `queue`, for [`Farm::serve`].
-    ///
-    /// # Errors
-    /// [`RenderError::Listen`] when the address is taken or not of this machine.
-    pub async fn bind_serving(listen: ListenAddr, access: &Access, queue: &Queue) -> Result<Self, RenderError> {
-        Self::bind_for(listen, access, Some(queue.clone())).await
-    }
-
-    async fn bind_for(listen: ListenAddr, access: &Access, queue: Option<Queue>) -> Result<Self, RenderError> {
+    /// As [`Farm::bind_guarded`]; `users` adds the services of those who are no workers.
+    pub(crate) async fn bind_for(
+        listen: ListenAddr,
+        access: &Access,
+        users: impl FnOnce(UserGate, Routes) -> Routes,
+    ) -> Result<Self, RenderError> {
         let wanted = match listen {
             ListenAddr::Loopback => SocketAddr::from(([127, 0, 0, 1], 0)),
             ListenAddr::Socket(addr) => addr,
@@ -136,9 +129,10 @@ impl Farm {
         let shared = Arc::new(Shared::new(heard_by, gate.clone()).map_err(randomness)?);
         let guard = access.guard().cloned();
         let layer = GuardLayer { strangers: strangers.clone(), guard: guard.clone(), local: shared.secret };
-        let control = queue.map(|queue| Control::new(queue, gate.clone()).into_server());
         let (health, checked) = tonic_health::server::health_reporter();
         health.set_service_status("", ServingStatus::NotServing).await;
+        let services = Routes::new(Service(shared.clone()).into_server()).add_service(checked);
+        let services = users(UserGate::new(gate.clone()), services);
         let admission = Admission { gate, strangers: strangers.clone(), guard: guard.clone() };
         let closing = CancellationToken::new();
         let server = Server::builder()
@@ -149,9 +143,7 @@ impl Farm {
             .http2_keepalive_interval(Some(KEEPALIVE_INTERVAL))
             .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
             .layer(layer)
-            .add_service(Service(shared.clone()).into_server())
-            .add_optional_service(control)
-            .add_service(checked)
+            .add_routes(services)
             .serve_with_incoming_shutdown(
                 incoming::accept(listener, admission, closing.clone()),
                 closing.clone().cancelled_owned(),
@@ -220,31 +212,35 @@ impl Farm {
         drop((server, hired, closing));
         rendered
     }
-}
 
-impl Farm {
-    /// Renders what the queue orders until `cancel`; then every job ends as it is, and the workers are dismissed.
-    pub async fn serve(self, queue: &Queue, orders: Orders, cancel: CancellationToken) {
-        let Self { shared, heard, server, health, closing, .. } = self;
+    /// Renders what it is ordered until `cancel`; then every job ends as it is, and the workers are dismissed.
+    /// `serving` is given the workers as they come and go. Once it is `closing`, it says so to whoever asks.
+    pub(crate) async fn obey(
+        self,
+        orders: mpsc::Receiver<Order>,
+        serving: impl FnOnce(watch::Receiver<Vec<WorkerView>>),
+        (closing, cancel): (impl Future<Output = ()>, CancellationToken),
+    ) {
+        let Self { shared, heard, server, health, closing: ending, .. } = self;
         let span = info_span!(target: SPANS, parent: None, "serve");
         if let Some(trace) = context_of(&span) {
             let _ = shared.trace.set(trace);
         }
         health.set_service_status("", ServingStatus::Serving).await;
         let dispatcher = Dispatcher::new(shared, heard, Timing::default(), 0);
-        queue.attach(dispatcher.views());
+        serving(dispatcher.views());
         let closing_soon = async {
-            queue.closing().await;
+            closing.await;
             health.set_service_status("", ServingStatus::NotServing).await;
             std::future::pending().await
         };
         tokio::select! {
-            served = beside(dispatcher.serve(orders.0, cancel)) => if let Err(e) = served {
+            served = beside(dispatcher.serve(orders, cancel)) => if let Err(e) = served {
                 tracing::error!("{e}");
             },
             () = closing_soon => {}
         }
-        drop((server, closing));
+        drop((server, ending));
     }
 }
 

@@ -11,9 +11,10 @@ use tessera_proto::identity::WorkerId;
 use tessera_proto::{Attempt, LeaseId, PassNumber};
 use tokio::time::Instant;
 
-use crate::job::{CheckedTile, TileSize};
-use crate::journal::{Delivery, Kept, KeptPass, Place, Sink, ThrownOut, rest};
+use crate::config::TileSize;
+use crate::journal::{Delivery, Kept, KeptPass, Location, Sink, ThrownOut, rest};
 use crate::plan::{Forecast, Outcome, Plan, Step};
+use crate::progress::CheckedTile;
 
 /// Regions that a pass may be cut into where a part of it is done already.
 const CUTS: u64 = 1 << 20;
@@ -22,7 +23,7 @@ const CUTS: u64 = 1 << 20;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Again {
     pub(super) region: Region,
-    pub(super) place: Place,
+    pub(super) place: Location,
     /// Whether the picture had nothing in this place before.
     pub(super) first: bool,
 }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use tessera_proto::InstanceId;
 use tessera_proto::identity::WorkerId;
 
-use crate::job::WorkerStats;
+use crate::progress::WorkerStats;
 
 /// Workers remembered, beyond those that are there or have delivered something.
 const KEPT: usize = 1000;

@@ -26,8 +26,10 @@ use super::roster::Roster;
 use super::service::{FarmEvent, WorkerEvent};
 use super::stitch::{self, Stitch, Stitcher, Tiles};
 use super::verify::{Sum, Verify};
-use crate::job::{Progress, RenderError, RenderJob, Verification, WorkerStats};
+use crate::error::RenderError;
+use crate::job::RenderJob;
 use crate::plan::Plan;
+use crate::progress::{Progress, Verification, WorkerStats};
 use crate::scheduler::{self, Effect, End, Event, Scheduler, WorkerKey};
 pub(crate) use end::Finished;
 pub(super) use member::{Comer, Note, end_session};
@@ -80,6 +82,29 @@ pub(super) struct Run {
     end: Ended,
 }
 
+/// The scheduler of `job`, whose leases have its number; `hired`: so many workers of this process will come.
+fn scheduler_of(number: JobNumber, job: &RenderJob, hired: usize) -> Scheduler {
+    let samples = match job.settings.sampling {
+        Sampling::Uniform { grid } => grid * grid,
+        Sampling::Scrambled { samples } => samples,
+        // What every pixel begins with, and what a few get beyond.
+        Sampling::Adaptive => 6,
+    };
+    let mut scheduler = Scheduler::new(scheduler::Config {
+        region: job.region,
+        tile: job.tile,
+        samples,
+        expected: hired,
+        bytes_per_pixel: job.pixels.bytes_per_pixel() as u64,
+        patience: job.patience,
+        suspect_after: job.timing.suspect_after,
+        dead_after: job.timing.dead_after,
+        prepare_within: job.timing.prepare_within,
+    });
+    scheduler.number_leases(number);
+    scheduler
+}
+
 impl Run {
     /// Starts `job` under this number; `hired`: so many workers of this process will come.
     ///
@@ -100,24 +125,7 @@ impl Run {
             return Err(RenderError::Region(job.region));
         }
         progress.send_modify(|p| *p = Progress { pixels_total: job.region.area(), ..Progress::default() });
-        let samples = match job.settings.sampling {
-            Sampling::Uniform { grid } => grid * grid,
-            Sampling::Scrambled { samples } => samples,
-            // What every pixel begins with, and what a few get beyond.
-            Sampling::Adaptive => 6,
-        };
-        let mut scheduler = Scheduler::new(scheduler::Config {
-            region: job.region,
-            tile: job.tile,
-            samples,
-            expected: hired,
-            bytes_per_pixel: job.pixels.bytes_per_pixel() as u64,
-            patience: job.patience,
-            suspect_after: job.timing.suspect_after,
-            dead_after: job.timing.dead_after,
-            prepare_within: job.timing.prepare_within,
-        });
-        scheduler.number_leases(number);
+        let mut scheduler = scheduler_of(number, &job, hired);
         let (sink, found) = keep(&job);
         let clock = Clock { start, before: job.spent + found.as_ref().map_or(Duration::ZERO, |f| f.spent) };
         let (left, reader, earlier) = found.map_or_else(Default::default, |f| (f.passes, Some(f.reader), f.verified));
@@ -427,9 +435,9 @@ impl Run {
                 }
                 Effect::Accept { worker, region } => {
                     let Some(done) = &done else { continue };
-                    self.count(worker, region, done);
+                    let error = self.count(worker, region, done);
                     let name = self.name(worker);
-                    let note = self.is_watched.then(|| self.note_of(region, done, &name));
+                    let note = self.is_watched.then(|| self.note_of(region, done, (&name, error)));
                     let checks = self.unassigned.len();
                     let by = (name, self.verify(worker, region, done));
                     let first = self.passes.accept(region, done, by);

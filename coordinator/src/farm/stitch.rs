@@ -11,10 +11,9 @@ use tessera_proto::{PixelFormat, Pixels};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
 use tracing::Span;
 
-use super::canvas::{Canvas, TileNote, View};
-use super::film::{Film, Scratch};
 use super::passes::Again;
-use crate::job::RenderError;
+use crate::error::RenderError;
+use crate::film::{Canvas, Film, Scratch, TileNote, View};
 use crate::journal;
 
 /// Bytes of tiles that wait to be stitched, at most: all that the picture takes beside itself. Four of the largest.

@@ -2,7 +2,7 @@
 
 use super::call::{CallError, call};
 use super::engine::{Batch, List};
-use super::place::Standing;
+use super::placement::Standing;
 use super::{Fleet, TokenSource, script};
 
 /// See the [module](self).

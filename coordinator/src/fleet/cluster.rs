@@ -6,7 +6,7 @@
 use tessera_proto::limits::DEFAULT_PORT;
 
 use super::call::{CallError, call};
-use super::place::Standing;
+use super::placement::Standing;
 use super::{Fleet, TokenSource, seconds};
 use crate::access::{AccessError, fresh_secrets};
 

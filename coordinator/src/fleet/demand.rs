@@ -3,7 +3,7 @@
 use tessera_proto::control::{Job, State};
 
 use super::Demand;
-use crate::job::Progress;
+use crate::progress::Progress;
 
 impl Demand {
     /// Of one render.

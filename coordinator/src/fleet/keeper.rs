@@ -7,7 +7,7 @@ use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use super::call::CallError;
-use super::place::{Place, Standing};
+use super::placement::{Placement, Standing};
 use super::{Demand, Engine, Fleet};
 
 /// Between two decisions.
@@ -64,7 +64,7 @@ impl Keeper {
         let (stopped, tell) = (stop.clone(), failed.clone());
         let engine = fleet.engine.to_string();
         let refused = |e: CallError| FleetError::Refused { engine, why: e.to_string() };
-        let place = Place::new(&fleet.engine).map_err(refused)?;
+        let place = Placement::new(&fleet.engine).map_err(refused)?;
         let keep = move || {
             // It may not be dropped where another one runs.
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -126,7 +126,7 @@ impl Drop for Keeper {
 /// The workers of a fleet, as the engine has them.
 struct Kept {
     fleet: Fleet,
-    place: Place,
+    place: Placement,
     standing: Standing,
     /// Whether a submission was ever taken.
     started: bool,
@@ -141,7 +141,7 @@ struct Kept {
 }
 
 impl Kept {
-    fn new(fleet: Fleet, place: Place, must_start: bool) -> Self {
+    fn new(fleet: Fleet, place: Placement, must_start: bool) -> Self {
         Self {
             place,
             fleet,

@@ -11,7 +11,7 @@ mod cluster;
 mod demand;
 mod engine;
 mod keeper;
-mod place;
+mod placement;
 mod scale;
 mod script;
 mod ssh;

@@ -16,7 +16,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::call::{CallError, call, call_with};
-use super::place::Standing;
+use super::placement::Standing;
 use super::{Fleet, TokenSource, WorkerOrder, quoted, seconds};
 
 /// How `ssh` is called: a question that nobody answers is a failure.

@@ -18,7 +18,7 @@ const MAX_BODY: u32 = 1 << 20;
 
 /// Where the body of a record stands in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Place {
+pub(crate) struct Location {
     pub(super) at: u64,
     pub(super) length: u32,
 }
@@ -75,7 +75,7 @@ pub(super) enum Extent {
 /// When the file cannot be read, or what `each` says.
 pub(super) fn scan<E: From<io::Error>>(
     mut file: &File,
-    mut each: impl FnMut(Place, Record) -> Result<(), E>,
+    mut each: impl FnMut(Location, Record) -> Result<(), E>,
 ) -> Result<Extent, E> {
     file.seek(SeekFrom::Start(0))?;
     let mut from = BufReader::with_capacity(1 << 20, file);
@@ -102,7 +102,7 @@ pub(super) fn scan<E: From<io::Error>>(
 }
 
 /// The record that stands at `at`, where `from` is; `None` where it is not whole or not sound.
-fn next(from: &mut impl Read, at: u64) -> io::Result<Option<(Place, Record)>> {
+fn next(from: &mut impl Read, at: u64) -> io::Result<Option<(Location, Record)>> {
     let mut head = [0; HEAD];
     if fill(from, &mut head)? < HEAD {
         return Ok(None);
@@ -114,11 +114,11 @@ fn next(from: &mut impl Read, at: u64) -> io::Result<Option<(Place, Record)>> {
     }
     // Pixels are not copied out of the body.
     let record = Record::decode(Bytes::from(body)).ok();
-    Ok(record.map(|record| (Place { at: at + HEAD as u64, length }, record)))
+    Ok(record.map(|record| (Location { at: at + HEAD as u64, length }, record)))
 }
 
 /// Reads the record at `place` again.
-pub(super) fn read_again(mut file: &File, place: Place) -> io::Result<Record> {
+pub(super) fn read_again(mut file: &File, place: Location) -> io::Result<Record> {
     file.seek(SeekFrom::Start(place.at))?;
     let mut body = vec![0; place.length as usize];
     file.read_exact(&mut body)?;

@@ -10,7 +10,6 @@ use tessera_proto::limits::{BUILD, NUMERIC_MODE};
 use tessera_proto::scene::describe_parts;
 use tessera_proto::{PixelFormat, SceneHash, journal, wire};
 
-use crate::job::RenderJob;
 use crate::plan::Goal;
 
 /// All that a picture depends on, scene and program included.
@@ -19,7 +18,7 @@ pub struct Head {
     build: String,
     numeric_mode: String,
     scene: SceneHash,
-    pictures: SceneHash,
+    textures: SceneHash,
     pub(super) settings: Settings,
     pub(super) region: Region,
     pub(super) pixels: PixelFormat,
@@ -29,16 +28,11 @@ pub struct Head {
 }
 
 impl Head {
-    /// What this program makes of `job`. Hashing a large scene takes a while.
-    #[must_use]
-    pub fn of(job: &RenderJob) -> Self {
-        Self::new(job.scene.scene(), job.settings, job.region, job.pixels, job.goal).verified(job.verify > 0.0)
-    }
-
+    /// What this program makes of these. Hashing a large scene takes a while.
     pub(crate) fn new(scene: &Scene, settings: Settings, region: Region, pixels: PixelFormat, goal: Goal) -> Self {
-        let (scene, pictures) = describe_parts(scene);
+        let (scene, textures) = describe_parts(scene);
         let (build, numeric_mode) = (BUILD.into(), NUMERIC_MODE.into());
-        Self { build, numeric_mode, scene, pictures, settings, region, pixels, goal, verified: false }
+        Self { build, numeric_mode, scene, textures, settings, region, pixels, goal, verified: false }
     }
 
     /// The same, of a render whose tiles are verified or not.
@@ -87,7 +81,7 @@ impl Head {
         if self.scene != now.scene {
             found.push("the scene".into());
         }
-        if self.pictures != now.pictures {
+        if self.textures != now.textures {
             found.push("the scene's pictures".into());
         }
         found
@@ -121,7 +115,7 @@ impl From<Head> for journal::Head {
             build: head.build,
             numeric_mode: head.numeric_mode,
             scene_sha256: head.scene.0.into(),
-            pictures_sha256: head.pictures.0.into(),
+            pictures_sha256: head.textures.0.into(),
             settings: Some(head.settings.into()),
             region: Some(wire::Region { x0, y0, x1, y1 }),
             pixels: wire::PixelFormat::from(head.pixels).into(),
@@ -152,7 +146,7 @@ impl TryFrom<journal::Head> for Head {
         let error = (max_error > 0.0).then_some(max_error);
         Ok(Self {
             scene: hash(&head.scene_sha256)?,
-            pictures: hash(&head.pictures_sha256)?,
+            textures: hash(&head.pictures_sha256)?,
             settings,
             region,
             pixels: head.pixels().try_into()?,

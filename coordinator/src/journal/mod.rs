@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use tessera_proto::journal::record::Kind;
 
-pub(crate) use frame::Place;
+pub(crate) use frame::Location;
 pub use head::Head;
 pub use partial::Partial;
 #[cfg(test)]
@@ -161,7 +161,7 @@ impl Journal {
 }
 
 /// The pixels of the tile that stands at `place`.
-pub(crate) fn pixels(file: &File, place: Place) -> std::io::Result<Bytes> {
+pub(crate) fn pixels(file: &File, place: Location) -> std::io::Result<Bytes> {
     match frame::read_again(file, place)?.kind {
         Some(Kind::Tile(tile)) => Ok(tile.done.unwrap_or_default().pixels),
         _ => Err(std::io::Error::other("the journal changed")),

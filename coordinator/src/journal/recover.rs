@@ -14,9 +14,9 @@ use tessera_proto::identity::WorkerId;
 use tessera_proto::journal::record::Kind;
 use tessera_proto::journal::{self, Record};
 
-use super::frame::{self, Extent, LETTERS, MAGIC, Place};
+use super::frame::{self, Extent, LETTERS, Location, MAGIC};
 use super::head::Head;
-use crate::job::CheckedTile;
+use crate::progress::CheckedTile;
 
 /// Why a journal cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -73,7 +73,7 @@ pub(crate) struct Kept {
     pub(crate) error: ErrorEstimate,
     pub(crate) rays: RayCounts,
     /// Where its pixels are.
-    pub(crate) place: Place,
+    pub(crate) place: Location,
     /// By whom, where tiles are verified.
     pub(crate) made: Option<Made>,
 }
@@ -221,7 +221,7 @@ struct Reading {
 }
 
 impl Reading {
-    fn take(&mut self, place: Place, record: Record) -> Result<(), Failed> {
+    fn take(&mut self, place: Location, record: Record) -> Result<(), Failed> {
         let kind = record.kind.ok_or(Malformed::Missing("a record"))?;
         match (&self.head, kind) {
             (None, Kind::Head(head)) => self.head = Some(head.try_into()?),
@@ -245,7 +245,7 @@ impl Reading {
 
     fn tile(
         &mut self,
-        place: Place,
+        place: Location,
         tile: journal::Tile,
         (whole, format): (Region, PixelFormat),
         verified: bool,

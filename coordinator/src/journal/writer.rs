@@ -19,7 +19,7 @@ use tessera_proto::{Attempt, LeaseId};
 use super::frame::{MAGIC, put};
 use super::head::Head;
 use super::recover::ThrownOut;
-use crate::job::CheckedTile;
+use crate::progress::CheckedTile;
 
 /// What is written is on the disk after this time, and the disk's own.
 const SYNC_EVERY: Duration = Duration::from_millis(500);

@@ -16,8 +16,12 @@ use super::point::{Point, Skipped};
 use super::reference::{Blend, Reference};
 use super::run::{MeasureError, Order, Stage};
 use super::sweep::{self, Costs, Step};
+use crate::config::ListenAddr;
+use crate::error::RenderError;
+use crate::film::Scratch;
+use crate::job::{RenderJob, Rendered, SceneSource};
 use crate::plan::Goal;
-use crate::{ListenAddr, Progress, RenderError, RenderJob, Rendered, SceneSource, Scratch};
+use crate::progress::Progress;
 
 /// A render and its times.
 pub(super) struct Job {
@@ -61,7 +65,7 @@ impl Bench {
         };
         let (tell, _progress) = watch::channel(Progress::default());
         let begun = Instant::now();
-        let rendering = crate::render(job, ListenAddr::Loopback, tell, stop.clone());
+        let rendering = crate::farm::render(job, ListenAddr::Loopback, tell, stop.clone());
         tokio::pin!(rendering);
         let ended = tokio::select! {
             ended = &mut rendering => ended,
@@ -112,7 +116,8 @@ impl Bench {
     /// Every setting to be measured.
     pub(super) fn steps(&self) -> Vec<Step> {
         let mirrors = self.order.scene.scene().surfaces().iter().any(|s| s.reflect != 0.0);
-        sweep::steps(self.order.target, self.order.settings.max_depth, mirrors, self.order.peers)
+        let shorter = mirrors.then_some((self.order.settings.max_depth, self.order.quality));
+        sweep::steps(self.order.target, shorter, self.order.peers)
     }
 
     /// The reference: as given, or rendered; `None` where it was stopped before there was one.

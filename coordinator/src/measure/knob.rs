@@ -15,7 +15,7 @@ pub enum Method {
     Samples,
     /// As many scrambled points in every pixel.
     Scrambled,
-    /// Shorter paths, at the quality that is the default.
+    /// Shorter paths, at one quality.
     MaxDepth,
     /// POV-Ray's anti-aliasing.
     PovRay,
@@ -51,8 +51,8 @@ pub enum Knob {
     Samples(u32),
     /// The square of so many scrambled points in every pixel.
     Scrambled(u32),
-    /// At most so many rays a path, at the default quality.
-    MaxDepth(u32),
+    /// At most so many rays a path, at this quality.
+    MaxDepth(u32, Quality),
 }
 
 impl Knob {
@@ -64,7 +64,7 @@ impl Knob {
             Self::Quality(_) => Method::Quality,
             Self::Samples(_) => Method::Samples,
             Self::Scrambled(_) => Method::Scrambled,
-            Self::MaxDepth(_) => Method::MaxDepth,
+            Self::MaxDepth(..) => Method::MaxDepth,
         }
     }
 
@@ -75,11 +75,11 @@ impl Knob {
             Self::MaxError(steps) => format!("{steps}"),
             Self::Quality(quality) => quality.name().into(),
             Self::Samples(grid) | Self::Scrambled(grid) => (grid * grid).to_string(),
-            Self::MaxDepth(depth) => depth.to_string(),
+            Self::MaxDepth(depth, _) => depth.to_string(),
         }
     }
 
-    /// The flags that `render` takes for it.
+    /// The flags that `render` takes for it; of [`Self::MaxDepth`], for its depth alone.
     #[must_use]
     pub fn flags(&self) -> Vec<String> {
         match self {
@@ -98,9 +98,8 @@ impl Knob {
             Self::Scrambled(grid) => {
                 (Settings { sampling: Sampling::Scrambled { samples: grid * grid }, ..*base }, Goal::AsSet)
             }
-            Self::MaxDepth(max_depth) => {
-                let goal = Goal::Error(Quality::default().rmse());
-                (Settings { max_depth, sampling: Sampling::Adaptive, ..*base }, goal)
+            Self::MaxDepth(max_depth, quality) => {
+                (Settings { max_depth, sampling: Sampling::Adaptive, ..*base }, Goal::Error(quality.rmse()))
             }
         }
     }
@@ -126,9 +125,9 @@ mod tests {
         let (settings, goal) = Knob::MaxError(0.5).apply(&base);
         assert_eq!((settings.sampling, goal), (Sampling::Adaptive, Goal::Error(0.5 / 255.0)));
         assert_eq!(told(Knob::Quality(Quality::Draft)), "--quality draft");
-        assert_eq!(told(Knob::MaxDepth(2)), "--max-depth 2");
-        let (settings, goal) = Knob::MaxDepth(2).apply(&base);
-        // Without a word about sampling, `render` takes the default quality.
-        assert_eq!((settings.max_depth, goal), (2, Knob::Quality(Quality::default()).apply(&base).1));
+        let shallow = Knob::MaxDepth(2, Quality::Draft);
+        assert_eq!(told(shallow), "--max-depth 2");
+        let (settings, goal) = shallow.apply(&base);
+        assert_eq!((settings.max_depth, goal), (2, Knob::Quality(Quality::Draft).apply(&base).1));
     }
 }

@@ -155,11 +155,11 @@ impl Measured {
         records
     }
 
-    /// Everything, as JSON. `render` is the command line that a setting's flags are added to.
+    /// Everything, as JSON. `command` gives the command line that renders a point.
     ///
     /// # Errors
     /// None that is known: numbers that JSON does not have are left out.
-    pub fn to_json(&self, render: &str) -> Result<String, serde_json::Error> {
+    pub fn to_json(&self, command: impl Fn(&Point) -> String) -> Result<String, serde_json::Error> {
         let view = &self.settings.view;
         let record = Record {
             program: "coordinator",
@@ -195,7 +195,7 @@ impl Measured {
             skipped: self.skipped.iter().map(|s| SkippedRecord { setting: &s.what, reason: &s.why }).collect(),
             recommendation: self.recommended().map(|p| Advice {
                 flags: p.flags.clone(),
-                command: self.command(render, p),
+                command: command(p),
                 rmse: p.metrics.rmse_steps(),
                 trace_seconds: p.trace.as_secs_f64(),
             }),
@@ -255,11 +255,11 @@ impl Measured {
 mod tests {
     use serde_json::Value;
 
-    use crate::measure::table::tests::measured;
+    use crate::measure::table::tests::{command, measured};
 
     #[test]
     fn json_has_what_scripts_rely_on() {
-        let text = measured().to_json("coordinator render demo.xml").expect("numbers are finite");
+        let text = measured().to_json(command).expect("numbers are finite");
         let value: Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!((&value["scene"], &value["target"]), (&"demo".into(), &0.5.into()));
         assert_eq!(value["reference"]["samples_per_pixel"], 290);

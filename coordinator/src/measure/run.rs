@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use tessera_core::settings::Settings;
+use tessera_core::settings::{Quality, Settings};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -12,7 +12,7 @@ use super::bench::Bench;
 use super::pareto;
 use super::point::Measured;
 use super::reference::Reference;
-use crate::RenderError;
+use crate::error::RenderError;
 
 /// What is to be measured.
 #[derive(Debug)]
@@ -23,6 +23,8 @@ pub struct Order {
     pub scene: Arc<PreparedScene>,
     /// What all renders have in common; its sampling is not used.
     pub settings: Settings,
+    /// The quality at which shorter paths are tried.
+    pub quality: Quality,
     /// Workers inside this process.
     pub workers: usize,
     /// Threads of all of them together.

@@ -44,15 +44,17 @@ impl Step {
 
 /// Every setting that is worth a try, those expected to be cheap first: whatever ends the sweep
 /// early, the most has been learnt by then.
-pub(super) fn steps(target: f64, max_depth: u32, mirrors: bool, peers: bool) -> Vec<Step> {
+/// `shorter`: paths are tried that are shorter than so many rays, at that quality.
+pub(super) fn steps(target: f64, shorter: Option<(u32, Quality)>, peers: bool) -> Vec<Step> {
     // A quality is an error by another name.
     let named = |steps: f64| Quality::ALL.iter().any(|q| (255.0 * q.rmse() / steps - 1.0).abs() < 1e-6);
     let errors = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25].map(|times| times * target);
     let mut knobs: Vec<Knob> = errors.into_iter().filter(|&e| !named(e)).map(Knob::MaxError).collect();
     knobs.extend(Quality::ALL.map(Knob::Quality));
     knobs.extend([1, 2, 3, 4, 5, 6, 8, 10, 12, 16].into_iter().flat_map(|n| [Knob::Samples(n), Knob::Scrambled(n)]));
-    if mirrors {
-        knobs.extend([1, 2, 3, 4, 6, 8, 12].into_iter().filter(|&d| d < max_depth).map(Knob::MaxDepth));
+    if let Some((max_depth, quality)) = shorter {
+        let depths = [1, 2, 3, 4, 6, 8, 12].into_iter().filter(|&d| d < max_depth);
+        knobs.extend(depths.map(|depth| Knob::MaxDepth(depth, quality)));
     }
     let mut steps: Vec<Step> = knobs.into_iter().map(Step::Ours).collect();
     if peers {
@@ -71,7 +73,7 @@ fn rough_cost(knob: &Knob) -> f64 {
         Knob::Quality(quality) => adaptive(255.0 * quality.rmse()),
         Knob::Samples(grid) | Knob::Scrambled(grid) => f64::from(grid * grid),
         // After the line that shows more.
-        Knob::MaxDepth(depth) => adaptive(255.0 * Quality::default().rmse()) + f64::from(depth),
+        Knob::MaxDepth(depth, quality) => adaptive(255.0 * quality.rmse()) + f64::from(depth),
     }
 }
 
@@ -188,10 +190,13 @@ mod tests {
 
     #[test]
     fn every_way_is_tried_cheap_ones_first() {
-        let all = steps(0.5, 16, true, true);
+        let shorter = |depth: u32| Some((depth, Quality::Normal));
+        let all = steps(0.5, shorter(16), true);
         assert_eq!(all[0], Step::Ours(Knob::Samples(1)));
         let quality = Knob::Quality(Quality::Normal);
-        for needed in [Knob::MaxError(1.0), Knob::Samples(8), Knob::Scrambled(8), quality, Knob::MaxDepth(2)] {
+        for needed in
+            [Knob::MaxError(1.0), Knob::Samples(8), Knob::Scrambled(8), quality, Knob::MaxDepth(2, Quality::Normal)]
+        {
             assert!(all.contains(&Step::Ours(needed)), "{needed:?}");
         }
         assert!(peer::LADDER.iter().all(|rung| all.contains(&Step::PovRay(*rung))));
@@ -200,8 +205,8 @@ mod tests {
         let costs: Vec<f64> = all.iter().map(Step::rough_cost).collect();
         assert!(costs.is_sorted());
         let without =
-            |steps: Vec<Step>| steps.iter().all(|s| !matches!(s, Step::Ours(Knob::MaxDepth(_)) | Step::PovRay(_)));
-        assert!(without(steps(0.5, 16, false, false)) && without(steps(0.5, 1, true, false)));
+            |steps: Vec<Step>| steps.iter().all(|s| !matches!(s, Step::Ours(Knob::MaxDepth(..)) | Step::PovRay(_)));
+        assert!(without(steps(0.5, None, false)) && without(steps(0.5, shorter(1), false)));
     }
 
     #[test]

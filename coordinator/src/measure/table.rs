@@ -20,10 +20,9 @@ const COLUMNS: [(&str, bool); 9] = [
 ];
 
 impl Measured {
-    /// The table, what its marks mean, and what is recommended. `render` is the command line that depth and
-    /// a setting's flags are added to.
+    /// The table, what its marks mean, and what is recommended. `command` gives the command line that renders a point.
     #[must_use]
-    pub fn to_text(&self, render: &str) -> String {
+    pub fn to_text(&self, command: impl Fn(&Point) -> String) -> String {
         let mut text = String::new();
         let view = &self.settings.view;
         // Writing to a string does not fail.
@@ -46,7 +45,7 @@ impl Measured {
         }
         if !self.points.is_empty() {
             text.push('\n');
-            text.push_str(&self.advice(render));
+            text.push_str(&self.advice(command));
         }
         text
     }
@@ -126,7 +125,7 @@ impl Measured {
 
     /// The setting to take for the target, and the command line for it.
     #[must_use]
-    pub fn advice(&self, render: &str) -> String {
+    pub fn advice(&self, command: impl Fn(&Point) -> String) -> String {
         let target = self.target;
         match self.recommended() {
             Some(p) => format!(
@@ -134,7 +133,7 @@ impl Measured {
                 p.flags.join(" "),
                 figure(p.metrics.rmse_steps()),
                 figure(p.trace.as_secs_f64()),
-                self.command(render, p)
+                command(p)
             ),
             None => match self.closest() {
                 Some(p) => format!(
@@ -145,17 +144,6 @@ impl Measured {
                 None => String::new(),
             },
         }
-    }
-
-    /// The command line of a point: `render`, the depth that all had unless the point has its own, and
-    /// the point's flags.
-    pub(super) fn command(&self, render: &str, point: &Point) -> String {
-        let depth = match (point.method, self.settings.max_depth) {
-            // The default of `render`.
-            (Method::MaxDepth, _) | (_, 16) => String::new(),
-            (_, depth) => format!(" --max-depth {depth}"),
-        };
-        format!("{render}{depth} {}", point.flags.join(" "))
     }
 
     /// This program's closest point.
@@ -257,9 +245,14 @@ pub(super) mod tests {
         }
     }
 
+    /// A made-up command line.
+    pub(in crate::measure) fn command(point: &Point) -> String {
+        format!("coordinator render demo.xml {}", point.flags.join(" "))
+    }
+
     #[test]
     fn the_table_says_what_was_measured_and_what_to_take() {
-        let text = measured().to_text("coordinator render demo.xml");
+        let text = measured().to_text(command);
         let line = |words: &[&str]| {
             let found = text.lines().find(|l| words.iter().all(|w| l.split_whitespace().any(|x| x == *w)));
             found.unwrap_or_else(|| panic!("no line of {words:?} in\n{text}")).to_owned()
@@ -277,21 +270,11 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn commands_name_a_depth_once() {
-        let mut measured = measured();
-        measured.settings.max_depth = 8;
-        let shallow = point(Method::MaxDepth, "4", 0.3, 0.4);
-        assert_eq!(measured.command("render a.xml", &shallow), "render a.xml --max-depth 4");
-        let plain = point(Method::Samples, "4", 0.3, 0.4);
-        assert_eq!(measured.command("render a.xml", &plain), "render a.xml --max-depth 8 --samples 4");
-    }
-
-    #[test]
     fn a_target_out_of_reach_is_said_to_be() {
         let mut measured = measured();
         measured.target = 0.01;
         measured.recommendation = conclude(&mut measured.points, 0.01);
-        let advice = measured.advice("coordinator render demo.xml");
+        let advice = measured.advice(command);
         assert!(advice.contains("nothing measured reaches") && advice.contains("--quality final"), "{advice}");
     }
 

@@ -14,7 +14,7 @@ use super::point::{Point, Predicted, Skipped};
 use super::reference::Reference;
 use super::run::MeasureError;
 use super::sweep::{self, Step, median};
-use crate::RenderError;
+use crate::error::RenderError;
 
 /// What a setting came to.
 enum Tried {
@@ -27,8 +27,8 @@ enum Tried {
 
 /// The pictures so far, by hash: the setting that gave each.
 #[derive(Debug, Default)]
-struct Seen {
-    pictures: HashMap<String, String>,
+struct Pictures {
+    by_hash: HashMap<String, String>,
     /// The depth beyond which no path goes.
     deepest: Option<String>,
 }
@@ -67,7 +67,7 @@ impl Bench {
         let judge = Judge { reference, truth, clamped };
         let steps = self.steps();
         let mut exported = None;
-        let mut seen = Seen::default();
+        let mut pictures = Pictures::default();
         for (i, step) in steps.iter().enumerate() {
             if self.stop.is_cancelled() {
                 return Ok(());
@@ -86,7 +86,7 @@ impl Bench {
             let after = steps[i + 1..].iter().filter(worthwhile).map(expect);
             self.say(name.clone(), expected, after.fold(Duration::ZERO, Duration::saturating_add));
             let tried = match step {
-                Step::Ours(knob) => self.try_new(knob, &judge, &mut seen).await?,
+                Step::Ours(knob) => self.try_new(knob, &judge, &mut pictures).await?,
                 Step::PovRay(rung) => {
                     if exported.is_none() {
                         exported = Some(self.export().await?);
@@ -110,9 +110,9 @@ impl Bench {
     }
 
     /// Renders a setting of this program, unless it gives a picture that another one gave.
-    async fn try_new(&self, knob: &Knob, judge: &Judge<'_>, seen: &mut Seen) -> Result<Tried, MeasureError> {
+    async fn try_new(&self, knob: &Knob, judge: &Judge<'_>, pictures: &mut Pictures) -> Result<Tried, MeasureError> {
         // Where a path more changed nothing, no path is longer.
-        if let (Knob::MaxDepth(_), Some(same)) = (knob, &seen.deepest) {
+        if let (Knob::MaxDepth(..), Some(same)) = (knob, &pictures.deepest) {
             return Ok(Tried::Left(format!("they give the picture of {same}")));
         }
         let (settings, goal) = knob.apply(&self.order.settings);
@@ -122,13 +122,13 @@ impl Bench {
             _ => String::new(),
         };
         let name = knob.flags().join(" ");
-        if let Some(same) = seen.pictures.get(&hash) {
-            if matches!(knob, Knob::MaxDepth(_)) && same.starts_with("--max-depth") {
-                seen.deepest = Some(same.clone());
+        if let Some(same) = pictures.by_hash.get(&hash) {
+            if matches!(knob, Knob::MaxDepth(..)) && same.starts_with("--max-depth") {
+                pictures.deepest = Some(same.clone());
             }
             return Ok(Tried::Left(format!("they give the picture of {same}")));
         }
-        seen.pictures.insert(hash, name);
+        pictures.by_hash.insert(hash, name);
         self.try_ours(knob, first, judge).await
     }
 

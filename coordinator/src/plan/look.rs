@@ -90,13 +90,13 @@ impl Spots {
     /// What the tiles of a look tell of each field, row by row.
     pub(super) fn fields(&self, tiles: &[(Region, ErrorEstimate)]) -> Fields {
         // A block may have come in several tiles, and these in any order.
-        let mut seen = BTreeMap::<(u32, u32), ErrorEstimate>::new();
+        let mut by_block = BTreeMap::<(u32, u32), ErrorEstimate>::new();
         for (region, error) in tiles {
             let block = ((region.x0 - self.picture.x0) / SPOT, (region.y0 - self.picture.y0) / SPOT);
-            *seen.entry(block).or_default() += *error;
+            *by_block.entry(block).or_default() += *error;
         }
         let all = (0..self.down).flat_map(|j| (0..self.across).map(move |i| (i, j)));
-        let of = |(i, j)| seen.get(&self.block(i, j)).copied().unwrap_or_default();
+        let of = |(i, j)| by_block.get(&self.block(i, j)).copied().unwrap_or_default();
         Fields { spots: *self, errors: all.map(of).collect() }
     }
 }
@@ -110,8 +110,8 @@ pub(super) struct Fields {
 
 impl Fields {
     /// Points a pixel that were expected in each field, within the tolerance of the look.
-    pub(super) fn work(&self, points: impl Fn(&ErrorEstimate) -> f64) -> Work {
-        Work { spots: self.spots, points: self.errors.iter().map(points).collect() }
+    pub(super) fn expected_points(&self, points: impl Fn(&ErrorEstimate) -> f64) -> ExpectedPoints {
+        ExpectedPoints { spots: self.spots, points: self.errors.iter().map(points).collect() }
     }
 
     /// Standard error of the root mean square that was seen, as a share of it. What lies between the blocks
@@ -145,15 +145,15 @@ impl Fields {
     }
 }
 
-/// How much there is to do in which part of a picture.
+/// How many points are expected in which part of a picture.
 #[derive(Clone, Debug)]
-pub(super) struct Work {
+pub(super) struct ExpectedPoints {
     spots: Spots,
     /// Points a pixel in each field, row by row.
     points: Vec<f64>,
 }
 
-impl Work {
+impl ExpectedPoints {
     /// Expected points in `region`.
     pub(super) fn of(&self, region: &Region) -> f64 {
         let Spots { picture, wide, high, across, down } = self.spots;
@@ -200,15 +200,18 @@ mod tests {
     }
 
     #[test]
-    fn the_work_of_parts_is_that_of_the_whole() {
+    fn the_expected_points_of_parts_are_those_of_the_whole() {
         let picture = Region { x0: 0, y0: 0, x1: 650, y1: 483 };
         let spots = Spots::of(picture, 1);
         let tiles: Vec<_> = spots.regions().map(|r| (r, ErrorEstimate { pixels: 64, ..Default::default() })).collect();
         let fields = spots.fields(&tiles);
-        assert!((fields.work(|_| 5.0).of(&picture) - 5.0 * picture.area() as f64).abs() < 1.0);
-        let work = Work { points: (0..tiles.len()).map(|k| (k * k % 17) as f64).collect(), ..fields.work(|_| 0.0) };
-        let parts: f64 = picture.blocks(37).iter().map(|r| work.of(r)).sum();
-        assert!((parts / work.of(&picture) - 1.0).abs() < 1e-9);
+        assert!((fields.expected_points(|_| 5.0).of(&picture) - 5.0 * picture.area() as f64).abs() < 1.0);
+        let expected = ExpectedPoints {
+            points: (0..tiles.len()).map(|k| (k * k % 17) as f64).collect(),
+            ..fields.expected_points(|_| 0.0)
+        };
+        let parts: f64 = picture.blocks(37).iter().map(|r| expected.of(r)).sum();
+        assert!((parts / expected.of(&picture) - 1.0).abs() < 1e-9);
     }
 
     proptest! {

@@ -16,7 +16,7 @@ use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::settings::{AuditRate, Tolerance};
 
 use super::cost::{self, MOST_AIM};
-use super::look::{Spots, Work};
+use super::look::{ExpectedPoints, Spots};
 use super::{Outcome, Step, reaches, within};
 
 /// The first tolerance that is tried, in errors asked for.
@@ -77,13 +77,13 @@ pub(crate) struct Target {
     missed: Option<(Tolerance, f64)>,
     /// Whether the whole view meets the target by what was seen.
     met: bool,
-    /// What there is to do where, and seconds a point, by the last look at parts.
-    work: Option<(Work, f64)>,
+    /// Points that are expected where, and seconds a point, by the last look at parts.
+    expected: Option<(ExpectedPoints, f64)>,
 }
 
 /// What a pass tells of the whole.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct Estimate {
     rmse: f64,
     /// What the sampler expected.
     expected: f64,
@@ -94,7 +94,7 @@ struct Seen {
     margin: f64,
 }
 
-impl Seen {
+impl Estimate {
     /// Whether the audit agrees with the sampler.
     fn is_expected(&self) -> bool {
         self.lower < (1.0 + MODEL_IS_OFF) * self.expected && self.expected < (1.0 + MODEL_IS_OFF) * self.upper
@@ -127,7 +127,7 @@ impl Target {
             bad: None,
             missed: None,
             met: false,
-            work: None,
+            expected: None,
         }
     }
 
@@ -164,22 +164,22 @@ impl Target {
             // A look's pixels are audited, and the pixels around each block are sampled for it alone.
             let points = error.pixels as f64 * (AUDITED_LOOK * cost::points(&error, self.tolerance) + 2.0);
             let seconds = outcome.took.as_secs_f64() / points.max(1.0);
-            self.work = Some((fields.work(|e| cost::points(e, self.tolerance)), seconds));
+            self.expected = Some((fields.expected_points(|e| cost::points(e, self.tolerance)), seconds));
         }
-        let seen = Seen { rmse, expected, lower, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
-        if spots.are_all() { self.after_all(seen) } else { self.after_look(seen) }
+        let estimate = Estimate { rmse, expected, lower, upper, margin: (1.0 + spread) * (1.0 + 1.2 * doubt) };
+        if spots.are_all() { self.after_all(estimate) } else { self.after_look(estimate) }
     }
 
     /// The tolerance that leads from what was seen to what is aimed at, and by what factor the error changes.
-    fn better(&self, seen: &Seen) -> (Tolerance, f64) {
+    fn better(&self, estimate: &Estimate) -> (Tolerance, f64) {
         let all = self.spots().are_all();
         let least = if all { LEAST_AIM_AT_ALL } else { LEAST_AIM };
-        let aim = (SURE / seen.margin).clamp(least, MOST_AIM) * self.error;
+        let aim = (SURE / estimate.margin).clamp(least, MOST_AIM) * self.error;
         let rmse = if all {
             // Where nothing was seen to err, the upper end says how little that tells.
-            if seen.rmse > 0.0 { seen.rmse } else { 0.5 * seen.upper }
+            if estimate.rmse > 0.0 { estimate.rmse } else { 0.5 * estimate.upper }
         } else {
-            seen.likely()
+            estimate.likely()
         };
         let ratio = if rmse > 0.0 { aim / rmse } else { STEPS[1] };
         (self.scaled(ratio), ratio)
@@ -191,32 +191,32 @@ impl Target {
     }
 
     /// After a look at parts.
-    fn after_look(&mut self, seen: Seen) -> Option<Step> {
-        let (next, ratio) = self.better(&seen);
-        let near = (self.looks > 1 || seen.is_expected()) && (NEAR[0]..NEAR[1]).contains(&ratio);
+    fn after_look(&mut self, estimate: Estimate) -> Option<Step> {
+        let (next, ratio) = self.better(&estimate);
+        let near = (self.looks > 1 || estimate.is_expected()) && (NEAR[0]..NEAR[1]).contains(&ratio);
         if near || self.looks >= LOOKS || next == self.tolerance {
-            let expected = seen.likely() * next.fraction() / self.tolerance.fraction();
-            self.met = expected * seen.margin <= self.error;
+            let expected = estimate.likely() * next.fraction() / self.tolerance.fraction();
+            self.met = expected * estimate.margin <= self.error;
             return Some(self.render(next));
         }
         Some(self.look(next))
     }
 
     /// After a look at all of a small picture.
-    fn after_all(&mut self, seen: Seen) -> Option<Step> {
+    fn after_all(&mut self, estimate: Estimate) -> Option<Step> {
         let now = self.tolerance;
-        if seen.upper <= self.error {
+        if estimate.upper <= self.error {
             self.good = Some(self.good.map_or(now, |t| t.max(now)));
-            if seen.rmse >= TOO_GOOD * self.error || now == clamped(LOOSEST) {
+            if estimate.rmse >= TOO_GOOD * self.error || now == clamped(LOOSEST) {
                 return self.settle(now);
             }
         } else {
             self.bad = Some(self.bad.map_or(now, |t| t.min(now)));
-            if self.is_in_vain(seen.upper) {
+            if self.is_in_vain(estimate.upper) {
                 return self.settle(self.good.unwrap_or(now));
             }
         }
-        let (mut next, _) = self.better(&seen);
+        let (mut next, _) = self.better(&estimate);
         if let (Some(good), Some(bad)) = (self.good, self.bad)
             && !(good < next && next < bad)
         {
@@ -258,16 +258,16 @@ impl Target {
 
     /// Expected work in `region`, in units of its own.
     pub(super) fn work(&self, region: &Region) -> f64 {
-        match &self.work {
-            Some((work, _)) if self.renders > 0 => work.of(region),
+        match &self.expected {
+            Some((expected, _)) if self.renders > 0 => expected.of(region),
             _ => region.area() as f64,
         }
     }
 
     /// How long the render at hand is expected to take.
     pub(super) fn expected(&self) -> Option<Duration> {
-        let (work, seconds) = self.work.as_ref().filter(|_| self.renders == 1)?;
-        Duration::try_from_secs_f64(1.1 * seconds * work.of(&self.region)).ok()
+        let (points, seconds) = self.expected.as_ref().filter(|_| self.renders == 1)?;
+        Duration::try_from_secs_f64(1.1 * seconds * points.of(&self.region)).ok()
     }
 
     fn is_whole(&self) -> bool {

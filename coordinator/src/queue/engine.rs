@@ -19,9 +19,11 @@ use super::spans::Spans;
 use super::spec::{check, key, rank};
 use super::store::{Left, Store};
 use super::{Ask, Change, Entry, Jobs, Refused, Reply, UNWRITTEN, is_final, now_ms, state_name};
+use crate::error::RenderError;
 use crate::farm::{FARM, Order, Standing};
-use crate::job::{Progress, RenderError, Rendered, Unfinished};
+use crate::job::{Rendered, Unfinished};
 use crate::journal::Journal;
+use crate::progress::Progress;
 
 /// Between two looks at whose turn it is, and at what need not be kept.
 const LOOK_EVERY: Duration = Duration::from_secs(5);

@@ -14,7 +14,7 @@ use super::micros;
 use super::spec::Asked;
 use super::store::Store;
 use crate::job::{RenderJob, Rendered};
-use crate::journal::{Head, Journal};
+use crate::journal::Journal;
 
 /// Workers of a picture that are kept with it.
 const WORKERS: usize = 100;
@@ -42,7 +42,7 @@ pub(super) fn load(store: &Store, id: u64, asked: &Asked) -> Result<Loaded, Stri
     let mut job = asked.job(scene, journal.clone());
     job.scratch.folder = journal.path().parent().map(Into::into);
     if journal.goes_on()
-        && let Err(why) = journal.check(&Head::of(&job))
+        && let Err(why) = journal.check(&job.head())
     {
         tracing::warn!("job {id} begins anew: {why}");
         // Its file has to be let go of first.

@@ -21,8 +21,9 @@ use tessera_proto::SceneHash;
 use tessera_proto::control::{self, Job, Spec, State};
 use tokio::sync::{Semaphore, oneshot, watch};
 
-use crate::farm::{Canvas, Order, WorkerView};
-use crate::job::{Progress, WorkerStats};
+use crate::farm::{Order, WorkerView};
+use crate::film::Canvas;
+use crate::progress::{Progress, WorkerStats};
 pub use keep::Keep;
 pub(crate) use spec::region_of;
 use store::Store;
@@ -373,7 +374,8 @@ pub(crate) fn now_ms() -> u64 {
 }
 
 /// A state in a user's words.
-pub(crate) fn state_name(state: State) -> &'static str {
+#[must_use]
+pub fn state_name(state: State) -> &'static str {
     match state {
         State::Unspecified => "unknown",
         State::Queued => "queued",
@@ -386,6 +388,7 @@ pub(crate) fn state_name(state: State) -> &'static str {
 }
 
 /// Whether nothing more becomes of a job by itself.
-pub(crate) fn is_final(state: State) -> bool {
+#[must_use]
+pub fn is_final(state: State) -> bool {
     matches!(state, State::Done | State::Failed | State::Cancelled)
 }

@@ -14,8 +14,9 @@ use tessera_proto::{PixelFormat, SceneHash, wire};
 
 use super::Refused;
 use super::choose::Rank;
-use crate::farm::Canvas;
-use crate::job::{Patience, RenderJob, SceneSource, TileSize};
+use crate::config::{Patience, TileSize};
+use crate::film::Canvas;
+use crate::job::{RenderJob, SceneSource};
 use crate::journal::Journal;
 use crate::plan::Goal;
 

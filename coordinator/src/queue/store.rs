@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use tessera_proto::SceneHash;
 use tessera_proto::control::Job;
 
-use crate::farm::Film;
+use crate::film::Film;
 
 /// Jobs by their numbers.
 const JOBS: TableDefinition<'_, u64, &[u8]> = TableDefinition::new("jobs");

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tessera_proto::LeaseId;
 
-use super::crowd::Place;
+use super::crowd::Preference;
 use super::worker::Worker;
 use super::{Effect, MAX_COPIES, SHORTEST, Scheduler, Tile, WorkerKey};
 
@@ -37,7 +37,7 @@ impl Scheduler {
     /// When nothing is left to be cut, lets idle workers render what others will finish late: the latest first.
     pub(super) fn assist(&mut self, effects: &mut Vec<Effect>) {
         self.assist_at = None;
-        let is_free = |&&(leases, _, _): &&Place| leases == 0;
+        let is_free = |&&(leases, _, _): &&Preference| leases == 0;
         if self.cutter.pixels_left() > 0 || self.open.is_empty() || self.room.first().filter(is_free).is_none() {
             return;
         }

@@ -27,9 +27,9 @@ impl Share {
     }
 }
 
-/// A worker's place among those with room for a lease: the fewest leases first, and of equals those that are
+/// A worker's position among those with room for a lease: the fewest leases first, and of equals those that are
 /// known to deliver.
-pub(super) type Place = (usize, bool, WorkerKey);
+pub(super) type Preference = (usize, bool, WorkerKey);
 
 /// See the [module](self).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use tessera_core::film::Region;
 use tessera_proto::limits::MAX_TILE_PIXELS;
 
-use crate::job::TileSize;
+use crate::config::TileSize;
 
 /// Edges of cut regions fall on multiples of this, counted from the picture's region.
 const GRAIN: u32 = 8;

@@ -6,7 +6,7 @@ use tessera_core::film::Region;
 use tessera_proto::convert::Lease;
 use tessera_proto::{Attempt, InstanceId, LeaseId};
 
-use crate::job::{Patience, TileSize};
+use crate::config::{Patience, TileSize};
 
 /// One session of a worker. Never used twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

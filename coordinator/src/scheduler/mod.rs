@@ -75,7 +75,7 @@ use tessera_core::settings::Pass;
 use tessera_proto::{Attempt, InstanceId, JobNumber, LeaseId, PassNumber};
 
 use blame::{Loss, Strike};
-use crowd::{Crowd, Place};
+use crowd::{Crowd, Preference};
 use cutter::Cutter;
 pub(crate) use message::{Config, CutOff, Effect, End, Event, WorkerKey};
 pub(crate) use worker::running;
@@ -137,7 +137,7 @@ pub(crate) struct Scheduler {
     /// Over the workers that are fit.
     crowd: Crowd,
     /// Workers that are fit and hold fewer leases than they should.
-    room: BTreeSet<Place>,
+    room: BTreeSet<Preference>,
     /// Pixels a second of a thread, as far as was ever measured.
     typical: Option<f64>,
     /// Tiles in doubt.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tessera_proto::{InstanceId, LeaseId};
 
 use super::MAX_DEPTH;
-use super::crowd::{Place, Share};
+use super::crowd::{Preference, Share};
 use super::line::Line;
 
 /// How much what was measured before the latest tile counts beside it.
@@ -69,7 +69,7 @@ pub(super) struct Worker {
     /// What of it is in the sums.
     pub(super) counted: Option<Share>,
     /// Its place among those with room.
-    pub(super) place: Option<Place>,
+    pub(super) place: Option<Preference>,
 }
 
 impl Worker {

@@ -10,11 +10,12 @@
 //! worker do to each other.
 
 pub mod costs;
+pub(crate) mod message;
 pub(crate) mod network;
 pub(crate) mod renderer;
 mod report;
-mod seat;
 mod sides;
+mod worker;
 mod world;
 
 use std::time::Duration;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::seat::Times;
+use super::worker::Times;
 
 /// What a run came to. Shares are of the time that workers were there.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -7,11 +7,12 @@ use std::time::Duration;
 use tessera_core::film::Region;
 use tessera_proto::{InstanceId, LeaseId};
 
+use super::message::{FromCoordinator, FromWorker};
 use super::network::Quality;
 use super::renderer::Renderer;
-use super::seat::{Down, Seat, Up};
+use super::worker::SimWorker;
 use super::{Outcome, Setup};
-use crate::job::{Patience, TileSize};
+use crate::config::{Patience, TileSize};
 use crate::scheduler::{Config, Scheduler};
 
 /// Within this all workers start that do not come late.
@@ -29,8 +30,8 @@ pub(super) enum What {
     Prepared { worker: usize, epoch: u32 },
     Rendered { worker: usize, epoch: u32, lease: LeaseId },
     Taken { worker: usize, epoch: u32 },
-    ToCoordinator { worker: usize, epoch: u32, said: Up, bytes: usize },
-    ToWorker { worker: usize, epoch: u32, said: Down },
+    ToCoordinator { worker: usize, epoch: u32, said: FromWorker, bytes: usize },
+    ToWorker { worker: usize, epoch: u32, said: FromCoordinator },
     Slow(usize),
     Killed { worker: usize, silent: bool },
     Cut { worker: usize, time: Duration },
@@ -46,7 +47,7 @@ pub(super) struct World<'a> {
     pub(super) now: Duration,
     pub(super) rng: fastrand::Rng,
     pub(super) scheduler: Scheduler,
-    pub(super) seats: Vec<Seat>,
+    pub(super) workers: Vec<SimWorker>,
     /// Which worker a key is of.
     pub(super) keys: Vec<usize>,
     /// When the coordinator has done what came before, and its line has carried it.
@@ -77,7 +78,7 @@ impl<'a> World<'a> {
             now: Duration::ZERO,
             scheduler: Scheduler::new(config(setup, &renderers)),
             rng,
-            seats: Vec::new(),
+            workers: Vec::new(),
             keys: Vec::new(),
             free_at: Duration::ZERO,
             carried: (Duration::ZERO, Duration::ZERO),
@@ -106,7 +107,7 @@ impl<'a> World<'a> {
         for (worker, renderer) in renderers.into_iter().enumerate() {
             let delay = Duration::from_secs_f64(least * (most / least).powf(self.rng.f64()) / 2.0);
             let quality = Quality { delay, bytes_per_second: self.setup.line, loss: trouble.resent };
-            self.seats.push(Seat::new(InstanceId(worker as u64), renderer, quality));
+            self.workers.push(SimWorker::new(InstanceId(worker as u64), renderer, quality));
             let job = self.setup.job.as_secs_f64();
             let starts = if self.rng.f64() < trouble.late { job / 2.0 } else { START.min(job / 2.0) };
             let starts = self.rng.f64() * starts;
@@ -156,20 +157,22 @@ impl<'a> World<'a> {
     fn happen(&mut self, what: What) {
         match what {
             What::Start(worker) => {
-                self.seats[worker].since = Some(self.now);
+                self.workers[worker].since = Some(self.now);
                 self.dial(worker);
             }
-            What::Connected { worker, epoch } if self.is_now(worker, epoch) => self.say(worker, Up::Register, 200),
+            What::Connected { worker, epoch } if self.is_now(worker, epoch) => {
+                self.say(worker, FromWorker::Register, 200)
+            }
             What::Prepared { worker, epoch } if self.is_now(worker, epoch) => self.prepared(worker),
             What::Rendered { worker, epoch, lease } if self.is_now(worker, epoch) => self.rendered(worker, lease),
             What::Taken { worker, epoch } if self.is_now(worker, epoch) => {
-                let r = &mut self.seats[worker].renderer;
+                let r = &mut self.workers[worker].renderer;
                 (r.sending, r.last_sent) = (r.sending - 1, self.now);
                 self.begin(worker);
             }
             What::ToWorker { worker, epoch, said } if self.is_now(worker, epoch) => self.worker_hears(worker, said),
             What::ToCoordinator { worker, epoch, said, bytes } => self.coordinator_hears((worker, epoch), said, bytes),
-            What::Slow(worker) => self.seats[worker].renderer.speed /= 4.0,
+            What::Slow(worker) => self.workers[worker].renderer.speed /= 4.0,
             What::Killed { worker, silent } => self.killed(worker, silent),
             What::Cut { worker, time } => self.cut(worker, time),
             What::Mended(worker) => self.mended(worker),
@@ -180,43 +183,43 @@ impl<'a> World<'a> {
     }
 
     fn is_now(&self, worker: usize, epoch: u32) -> bool {
-        let seat = &self.seats[worker];
-        seat.since.is_some() && seat.epoch == epoch
+        let w = &self.workers[worker];
+        w.since.is_some() && w.epoch == epoch
     }
 
     /// A process ends, and another starts after a while.
     fn killed(&mut self, worker: usize, silent: bool) {
-        if self.seats[worker].since.is_none() {
+        if self.workers[worker].since.is_none() {
             return;
         }
         if !silent {
-            self.say(worker, Up::Closed, 20);
+            self.say(worker, FromWorker::Closed, 20);
         }
         let instance = InstanceId(self.rng.u64(1 << 32..));
         let now = self.now;
-        let seat = &mut self.seats[worker];
-        seat.end_session(now);
-        seat.times.present += now - seat.since.take().unwrap_or(now);
-        (seat.prepared, seat.instance) = (false, instance);
+        let w = &mut self.workers[worker];
+        w.end_session(now);
+        w.times.present += now - w.since.take().unwrap_or(now);
+        (w.prepared, w.instance) = (false, instance);
         self.at(now + AGAIN, What::Start(worker));
     }
 
     /// Nothing passes for a while.
     fn cut(&mut self, worker: usize, time: Duration) {
-        let seat = &mut self.seats[worker];
-        if seat.since.is_none() {
+        let w = &mut self.workers[worker];
+        if w.since.is_none() {
             return;
         }
-        seat.cut_until = self.now + time;
-        seat.up.block(true);
-        seat.down.block(true);
+        w.cut_until = self.now + time;
+        w.up.block(true);
+        w.down.block(true);
         let gives_up = time > DEAD;
         if gives_up {
             // It gives up by itself, and dials until it comes through.
-            seat.end_session(self.now);
-            seat.starting = Some(self.now);
+            w.end_session(self.now);
+            w.starting = Some(self.now);
         }
-        let epoch = seat.epoch;
+        let epoch = w.epoch;
         self.at(self.now + time, What::Mended(worker));
         if gives_up {
             self.at(self.now + time, What::Connected { worker, epoch });
@@ -224,13 +227,13 @@ impl<'a> World<'a> {
     }
 
     fn mended(&mut self, worker: usize) {
-        for ((epoch, said), bytes) in self.seats[worker].up.block(false) {
-            if epoch == self.seats[worker].epoch {
+        for ((epoch, said), bytes) in self.workers[worker].up.block(false) {
+            if epoch == self.workers[worker].epoch {
                 self.say(worker, said, bytes);
             }
         }
-        for ((epoch, said), bytes) in self.seats[worker].down.block(false) {
-            if epoch == self.seats[worker].epoch {
+        for ((epoch, said), bytes) in self.workers[worker].down.block(false) {
+            if epoch == self.workers[worker].epoch {
                 self.answer(worker, said, bytes);
             }
         }
@@ -238,18 +241,18 @@ impl<'a> World<'a> {
 
     fn report(mut self) -> Outcome {
         let end = self.now;
-        for seat in &mut self.seats {
-            if let Some(since) = seat.since {
-                seat.times.present += end - since.min(end);
+        for w in &mut self.workers {
+            if let Some(since) = w.since {
+                w.times.present += end - since.min(end);
             }
-            seat.started(end);
+            w.started(end);
         }
-        let ends: Vec<Duration> = self.seats.iter().filter(|s| s.since.is_some()).filter_map(|s| s.last).collect();
+        let ends: Vec<Duration> = self.workers.iter().filter(|s| s.since.is_some()).filter_map(|s| s.last).collect();
         self.outcome.mean_end = ends.iter().sum::<Duration>() / (ends.len() as u32).max(1);
         self.outcome.took = ends.iter().copied().max().unwrap_or(end);
         self.outcome.load = self.at_work.as_secs_f64() / end.as_secs_f64();
         self.outcome.scheduler = self.scheduling.div_f64(self.outcome.tiles.max(1) as f64);
-        let times: Vec<_> = self.seats.iter().map(|s| s.times).collect();
+        let times: Vec<_> = self.workers.iter().map(|s| s.times).collect();
         self.outcome.share_out(times.into_iter());
         self.outcome
     }

@@ -20,7 +20,8 @@ use tokio_util::sync::CancellationToken;
 use tower::Service;
 
 use super::login::Lock;
-use crate::farm::{open_files, prefix};
+use crate::farm::prefix;
+use crate::open_files::limit as open_files;
 
 /// Connections at once, at most; fewer where few files may be open.
 const CONNECTIONS: usize = 1024;

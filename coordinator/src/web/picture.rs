@@ -18,7 +18,7 @@ use tessera_proto::{PixelFormat, Pixels};
 use super::api::{Id, id};
 use super::source::Source;
 use super::{Refusal, Site, refusal};
-use crate::farm::{Seen, look};
+use crate::film::{Excerpt as Seen, look};
 use crate::queue::region_of;
 
 /// Edge of a picture that is made here, at most.

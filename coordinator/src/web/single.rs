@@ -11,9 +11,9 @@ use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use super::source::Source;
-use crate::farm::Canvas;
-use crate::job::Progress;
+use crate::film::Canvas;
 use crate::journal::Partial;
+use crate::progress::Progress;
 use crate::queue::{Change, Refused, now_ms, progress, state_name, worker_of};
 
 /// The number of the one job.

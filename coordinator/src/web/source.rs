@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use tessera_proto::control::{Job, State, Worker};
 
-use crate::farm::Canvas;
+use crate::film::Canvas;
 use crate::journal::Partial;
 use crate::queue::{Change, Queue, Refused};
 

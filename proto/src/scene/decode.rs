@@ -7,7 +7,7 @@ use tessera_core::scene::{
 };
 
 use super::{
-    MAGIC, PLANE_DISTANCE, PLANE_POINT, SPHERE, SPHERE_PICTURED, TRIANGLE_CORNERS, TRIANGLE_SIDES, object_bytes,
+    MAGIC, PLANE_DISTANCE, PLANE_POINT, SPHERE, SPHERE_ORIENTED, TRIANGLE_CORNERS, TRIANGLE_SIDES, object_bytes,
 };
 use crate::limits::MAX_SCENE_BYTES;
 
@@ -40,9 +40,9 @@ pub enum SceneError {
     /// A value that no scene may hold.
     #[error(transparent)]
     Invalid(#[from] Invalid),
-    /// A picture that is none.
+    /// A texture that is none.
     #[error(transparent)]
-    Picture(#[from] TextureError),
+    Texture(#[from] TextureError),
 }
 
 /// Reads a scene piece by piece; the pieces may be cut anywhere.
@@ -63,7 +63,7 @@ pub struct SceneDecoder {
 #[derive(Clone, Copy, Debug, Default)]
 struct Counts {
     lights: u32,
-    pictures: u32,
+    textures: u32,
     surfaces: u32,
     planes: u32,
     spheres: u32,
@@ -75,7 +75,7 @@ struct Counts {
 enum At {
     Head,
     Lights,
-    Pictures,
+    Textures,
     Samples { width: u32, height: u32, maxval: u16, samples: Samples, wanted: usize },
     Surfaces,
     Runs,
@@ -199,113 +199,131 @@ impl SceneDecoder {
     /// more are needed or nothing is left to read.
     fn step(&mut self, bytes: &[u8]) -> Result<Option<usize>, SceneError> {
         let mut r = Reader(bytes);
-        match &mut self.at {
-            At::Head => {
-                need!(self.head(&mut r)?);
-                self.at = At::Lights;
-            }
-            At::Lights => {
-                if self.left.lights == 0 {
-                    self.at = At::Pictures;
-                } else {
-                    self.builder.light(need!(r.vec()))?;
-                    self.left.lights -= 1;
-                }
-            }
-            At::Pictures => {
-                if self.left.pictures == 0 {
-                    self.at = At::Surfaces;
-                } else {
-                    let (width, height) = (need!(r.count()?), need!(r.count()?));
-                    let maxval = u16::try_from(need!(r.count()?)).map_err(|_| SceneError::Count)?;
-                    let wanted = (u64::from(width) * u64::from(height))
-                        .checked_mul(3)
-                        .and_then(|n| usize::try_from(n).ok())
-                        .filter(|&n| n > 0 && n <= Texture::MAX_SAMPLES)
-                        .ok_or(TextureError::Size(width, height))?;
-                    let samples = if maxval < 256 { Samples::Bytes(Vec::new()) } else { Samples::Words(Vec::new()) };
-                    self.at = At::Samples { width, height, maxval, samples, wanted };
-                    self.left.pictures -= 1;
-                }
-            }
-            At::Samples { samples, wanted, .. } => {
-                match samples {
-                    Samples::Bytes(have) => {
-                        let n = (*wanted - have.len()).min(r.0.len());
-                        have.extend_from_slice(need!(r.take(n)));
-                    }
-                    Samples::Words(have) => {
-                        let n = (*wanted - have.len()).min(r.0.len() / 2);
-                        let (words, _) = need!(r.take(2 * n)).as_chunks::<2>();
-                        have.extend(words.iter().map(|&w| u16::from_le_bytes(w)));
-                    }
-                }
-                let have = match samples {
-                    Samples::Bytes(have) => have.len(),
-                    Samples::Words(have) => have.len(),
-                };
-                if have < *wanted {
-                    // Everything that was there is taken; 0 would read as "go on".
-                    let took = bytes.len() - r.0.len();
-                    return Ok((took > 0).then_some(took));
-                }
-                let At::Samples { width, height, maxval, samples, .. } = std::mem::replace(&mut self.at, At::Pictures)
-                else {
-                    return Ok(None);
-                };
-                self.builder.texture(match samples {
-                    Samples::Bytes(s) => Texture::from_bytes(width, height, maxval as u8, s)?,
-                    Samples::Words(s) => Texture::from_words(width, height, maxval, s)?,
-                })?;
-            }
-            At::Surfaces => {
-                if self.left.surfaces == 0 {
-                    self.at = At::Runs;
-                } else {
-                    let [diffuse, reflect] = need!(r.numbers());
-                    let pigment = match need!(r.byte()) {
-                        0 => Pigment::Color(need!(r.numbers())),
-                        1 => Pigment::Texture(TextureId(need!(r.count()?))),
-                        kind => return Err(SceneError::Kind(kind)),
-                    };
-                    self.builder.surface(Surface { diffuse, reflect, pigment })?;
-                    self.left.surfaces -= 1;
-                }
-            }
-            At::Runs => {
-                let left = &mut self.left;
-                if left.planes == 0 && left.spheres == 0 && left.triangles == 0 {
-                    self.at = At::Done;
-                } else {
-                    let (kind, surface, length) = (need!(r.byte()), need!(r.count()?), need!(r.count()?));
-                    let of_kind = match kind {
-                        PLANE_POINT | PLANE_DISTANCE => &mut left.planes,
-                        SPHERE | SPHERE_PICTURED => &mut left.spheres,
-                        TRIANGLE_CORNERS | TRIANGLE_SIDES => &mut left.triangles,
-                        _ => return Err(SceneError::Kind(kind)),
-                    };
-                    *of_kind = of_kind.checked_sub(length).ok_or(SceneError::Counts(self.declared))?;
-                    self.at = At::Run { kind, surface: SurfaceId(surface), left: length };
-                }
-            }
-            At::Run { kind, surface, left } => {
-                let (kind, surface) = (*kind, *surface);
-                let size = object_bytes(kind).ok_or(SceneError::Kind(kind))?;
-                let n = (*left as usize).min(r.0.len() / size);
-                if n == 0 && *left > 0 {
-                    return Ok(None);
-                }
-                *left -= n as u32;
-                if *left == 0 {
-                    self.at = At::Runs;
-                }
-                for object in need!(r.take(n * size)).chunks_exact(size) {
-                    add(&mut self.builder, kind, surface, object)?;
-                }
-            }
-            At::Done => return Ok(None),
+        let read = match self.at {
+            At::Head => self.head(&mut r),
+            At::Lights => self.light(&mut r),
+            At::Textures => self.texture(&mut r),
+            At::Samples { .. } => self.samples(&mut r),
+            At::Surfaces => self.surface(&mut r),
+            At::Runs => self.run(&mut r),
+            At::Run { .. } => self.objects(&mut r),
+            At::Done => Ok(None),
+        };
+        Ok(read?.map(|()| bytes.len() - r.0.len()))
+    }
+
+    fn light(&mut self, r: &mut Reader<'_>) -> Result<Option<()>, SceneError> {
+        if self.left.lights == 0 {
+            self.at = At::Textures;
+        } else {
+            self.builder.light(need!(r.vec()))?;
+            self.left.lights -= 1;
         }
-        Ok(Some(bytes.len() - r.0.len()))
+        Ok(Some(()))
+    }
+
+    /// What comes before a texture's samples.
+    fn texture(&mut self, r: &mut Reader<'_>) -> Result<Option<()>, SceneError> {
+        if self.left.textures == 0 {
+            self.at = At::Surfaces;
+            return Ok(Some(()));
+        }
+        let (width, height) = (need!(r.count()?), need!(r.count()?));
+        let maxval = u16::try_from(need!(r.count()?)).map_err(|_| SceneError::Count)?;
+        let wanted = (u64::from(width) * u64::from(height))
+            .checked_mul(3)
+            .and_then(|n| usize::try_from(n).ok())
+            .filter(|&n| n > 0 && n <= Texture::MAX_SAMPLES)
+            .ok_or(TextureError::Size(width, height))?;
+        let samples = if maxval < 256 { Samples::Bytes(Vec::new()) } else { Samples::Words(Vec::new()) };
+        self.at = At::Samples { width, height, maxval, samples, wanted };
+        self.left.textures -= 1;
+        Ok(Some(()))
+    }
+
+    /// As many samples of a texture as are there; after the last, the texture.
+    fn samples(&mut self, r: &mut Reader<'_>) -> Result<Option<()>, SceneError> {
+        let At::Samples { samples, wanted, .. } = &mut self.at else { return Ok(None) };
+        let before = r.0.len();
+        let have = match samples {
+            Samples::Bytes(have) => {
+                let n = (*wanted - have.len()).min(r.0.len());
+                have.extend_from_slice(need!(r.take(n)));
+                have.len()
+            }
+            Samples::Words(have) => {
+                let n = (*wanted - have.len()).min(r.0.len() / 2);
+                let (words, _) = need!(r.take(2 * n)).as_chunks::<2>();
+                have.extend(words.iter().map(|&w| u16::from_le_bytes(w)));
+                have.len()
+            }
+        };
+        if have < *wanted {
+            // Everything that was there is taken; to have taken nothing would read as "go on".
+            return Ok((r.0.len() < before).then_some(()));
+        }
+        let At::Samples { width, height, maxval, samples, .. } = std::mem::replace(&mut self.at, At::Textures) else {
+            return Ok(None);
+        };
+        self.builder.texture(match samples {
+            Samples::Bytes(s) => Texture::from_bytes(width, height, maxval as u8, s)?,
+            Samples::Words(s) => Texture::from_words(width, height, maxval, s)?,
+        })?;
+        Ok(Some(()))
+    }
+
+    fn surface(&mut self, r: &mut Reader<'_>) -> Result<Option<()>, SceneError> {
+        if self.left.surfaces == 0 {
+            self.at = At::Runs;
+            return Ok(Some(()));
+        }
+        let [diffuse, reflect] = need!(r.numbers());
+        let pigment = match need!(r.byte()) {
+            0 => Pigment::Color(need!(r.numbers())),
+            1 => Pigment::Texture(TextureId(need!(r.count()?))),
+            kind => return Err(SceneError::Kind(kind)),
+        };
+        self.builder.surface(Surface { diffuse, reflect, pigment })?;
+        self.left.surfaces -= 1;
+        Ok(Some(()))
+    }
+
+    /// What comes before objects of one kind and surface.
+    fn run(&mut self, r: &mut Reader<'_>) -> Result<Option<()>, SceneError> {
+        let left = &mut self.left;
+        if left.planes == 0 && left.spheres == 0 && left.triangles == 0 {
+            self.at = At::Done;
+            return Ok(Some(()));
+        }
+        let (kind, surface, length) = (need!(r.byte()), need!(r.count()?), need!(r.count()?));
+        let of_kind = match kind {
+            PLANE_POINT | PLANE_DISTANCE => &mut left.planes,
+            SPHERE | SPHERE_ORIENTED => &mut left.spheres,
+            TRIANGLE_CORNERS | TRIANGLE_SIDES => &mut left.triangles,
+            _ => return Err(SceneError::Kind(kind)),
+        };
+        *of_kind = of_kind.checked_sub(length).ok_or(SceneError::Counts(self.declared))?;
+        self.at = At::Run { kind, surface: SurfaceId(surface), left: length };
+        Ok(Some(()))
+    }
+
+    /// As many objects of a run as are there.
+    fn objects(&mut self, r: &mut Reader<'_>) -> Result<Option<()>, SceneError> {
+        let At::Run { kind, surface, left } = &mut self.at else { return Ok(None) };
+        let (kind, surface) = (*kind, *surface);
+        let size = object_bytes(kind).ok_or(SceneError::Kind(kind))?;
+        let n = (*left as usize).min(r.0.len() / size);
+        if n == 0 && *left > 0 {
+            return Ok(None);
+        }
+        *left -= n as u32;
+        if *left == 0 {
+            self.at = At::Runs;
+        }
+        for object in need!(r.take(n * size)).chunks_exact(size) {
+            add(&mut self.builder, kind, surface, object)?;
+        }
+        Ok(Some(()))
     }
 
     fn head(&mut self, r: &mut Reader<'_>) -> Result<Option<()>, SceneError> {
@@ -316,11 +334,11 @@ impl SceneDecoder {
         for n in &mut counts {
             *n = need!(r.count()?);
         }
-        let [lights, pictures, surfaces, planes, spheres, triangles] = counts;
+        let [lights, textures, surfaces, planes, spheres, triangles] = counts;
         let (location, sky, look_at) = (need!(r.vec()), need!(r.vec()), need!(r.vec()));
         let background = need!(r.numbers());
         // The least that this many things take; what follows cannot be shorter.
-        let least = [(lights, 24), (pictures, 6), (surfaces, 18), (planes, 32), (spheres, 32), (triangles, 72)];
+        let least = [(lights, 24), (textures, 6), (surfaces, 18), (planes, 32), (spheres, 32), (triangles, 72)];
         if least.iter().map(|&(n, bytes)| u64::from(n) * bytes).sum::<u64>() > self.declared {
             return Err(SceneError::Counts(self.declared));
         }
@@ -329,7 +347,8 @@ impl SceneDecoder {
         // Exact where that is cheap to be wrong about; beyond, memory grows with what comes.
         let room = |n: u32| n.min(1 << 21) as usize;
         self.builder.reserve(room(triangles), room(spheres));
-        self.left = Counts { lights, pictures, surfaces, planes, spheres, triangles };
+        self.left = Counts { lights, textures, surfaces, planes, spheres, triangles };
+        self.at = At::Lights;
         Ok(Some(()))
     }
 }
@@ -341,7 +360,7 @@ fn add(builder: &mut SceneBuilder, kind: u8, surface: SurfaceId, object: &[u8]) 
         PLANE_POINT => builder.plane(v(0), PlanePosition::Point(v(1)), surface)?,
         PLANE_DISTANCE => builder.plane(v(0), PlanePosition::Distance(number(3)), surface)?,
         SPHERE => builder.sphere(v(0), number(3), None, surface)?,
-        SPHERE_PICTURED => {
+        SPHERE_ORIENTED => {
             let pole = DVec3::from_array(numbers(&object[32..]));
             let equator = DVec3::from_array(numbers(&object[56..]));
             builder.sphere(v(0), number(3), Some(Orientation { pole, equator }), surface)?;

@@ -5,7 +5,7 @@ use glam::DVec3;
 use sha2::{Digest, Sha256};
 use tessera_core::scene::{Orientation, Pigment, PlanePosition, Scene, SurfaceId};
 
-use super::{MAGIC, PLANE_DISTANCE, PLANE_POINT, SPHERE, SPHERE_PICTURED, TRIANGLE_CORNERS, TRIANGLE_SIDES};
+use super::{MAGIC, PLANE_DISTANCE, PLANE_POINT, SPHERE, SPHERE_ORIENTED, TRIANGLE_CORNERS, TRIANGLE_SIDES};
 use crate::ids::SceneHash;
 
 /// The hash and the length in bytes of `scene`'s binary form.
@@ -19,23 +19,23 @@ pub fn describe(scene: &Scene) -> (SceneHash, u64) {
     (SceneHash(hash.finalize().into()), length)
 }
 
-/// The hash of `scene`'s binary form without the pictures that its objects show, and that of the pictures alone.
+/// The hash of `scene`'s binary form without the textures that its objects show, and that of the textures alone.
 #[must_use]
 pub fn describe_parts(scene: &Scene) -> (SceneHash, SceneHash) {
-    let (mut plain, mut pictures) = (Sha256::new(), Sha256::new());
+    let (mut plain, mut textures) = (Sha256::new(), Sha256::new());
     let mut encoder = SceneEncoder::new(scene, crate::limits::SCENE_PIECE_BYTES);
-    let shown = std::mem::take(&mut encoder.used.pictures);
+    let shown = std::mem::take(&mut encoder.used.textures);
     encoder.for_each(|piece| plain.update(&piece));
-    for picture in shown.into_iter().map(|index| &scene.textures()[index]) {
-        for n in [picture.width(), picture.height(), picture.maxval().into()] {
-            pictures.update(n.to_le_bytes());
+    for texture in shown.into_iter().map(|index| &scene.textures()[index]) {
+        for n in [texture.width(), texture.height(), texture.maxval().into()] {
+            textures.update(n.to_le_bytes());
         }
-        pictures.update(picture.bytes().unwrap_or_default());
-        for words in picture.words().unwrap_or_default().chunks(1 << 12) {
-            pictures.update(words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>());
+        textures.update(texture.bytes().unwrap_or_default());
+        for words in texture.words().unwrap_or_default().chunks(1 << 12) {
+            textures.update(words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>());
         }
     }
-    (SceneHash(plain.finalize().into()), SceneHash(pictures.finalize().into()))
+    (SceneHash(plain.finalize().into()), SceneHash(textures.finalize().into()))
 }
 
 /// Pieces of a scene's binary form, each of the given length but for the last.
@@ -58,8 +58,8 @@ const RUN_OBJECTS: usize = 1024;
 enum At {
     Head,
     Lights(usize),
-    /// Of the used pictures, and a sample of it.
-    Picture(usize, usize),
+    /// Of the used textures, and a sample of it.
+    Texture(usize, usize),
     Surfaces(usize),
     /// The next of each kind, and of the orientations.
     Objects {
@@ -71,13 +71,13 @@ enum At {
     Done,
 }
 
-/// Which surfaces and pictures some object uses, and their new numbers.
+/// Which surfaces and textures some object uses, and their new numbers.
 #[derive(Debug)]
 struct Used {
     surfaces: Vec<usize>,
     surface_numbers: Vec<u32>,
-    pictures: Vec<usize>,
-    picture_numbers: Vec<u32>,
+    textures: Vec<usize>,
+    texture_numbers: Vec<u32>,
 }
 
 impl Used {
@@ -87,15 +87,15 @@ impl Used {
         scene.planes().iter().for_each(|p| mark(p.surface));
         scene.spheres().iter().for_each(|s| mark(s.surface));
         scene.triangles().iter().for_each(|t| mark(t.surface()));
-        let mut picture_used = vec![false; scene.textures().len()];
+        let mut texture_used = vec![false; scene.textures().len()];
         for (surface, _) in scene.surfaces().iter().zip(&surface_used).filter(|(_, used)| **used) {
             if let Pigment::Texture(id) = surface.pigment {
-                picture_used[id.0 as usize] = true;
+                texture_used[id.0 as usize] = true;
             }
         }
         let (surfaces, surface_numbers) = renumber(&surface_used);
-        let (pictures, picture_numbers) = renumber(&picture_used);
-        Self { surfaces, surface_numbers, pictures, picture_numbers }
+        let (textures, texture_numbers) = renumber(&texture_used);
+        Self { surfaces, surface_numbers, textures, texture_numbers }
     }
 }
 
@@ -130,7 +130,7 @@ impl Object<'_> {
             Self::Plane(p) if matches!(p.position, PlanePosition::Point(_)) => PLANE_POINT,
             Self::Plane(_) => PLANE_DISTANCE,
             Self::Sphere(_, None) => SPHERE,
-            Self::Sphere(_, Some(_)) => SPHERE_PICTURED,
+            Self::Sphere(_, Some(_)) => SPHERE_ORIENTED,
             Self::Triangle(t) if t.by_sides() => TRIANGLE_SIDES,
             Self::Triangle(_) => TRIANGLE_CORNERS,
         }
@@ -178,7 +178,7 @@ impl<'s> SceneEncoder<'s> {
             self.at = match self.at {
                 At::Head => self.head(),
                 At::Lights(from) => self.lights(from),
-                At::Picture(picture, sample) => self.picture(picture, sample),
+                At::Texture(texture, sample) => self.texture(texture, sample),
                 At::Surfaces(from) => self.surfaces(from),
                 At::Objects { plane, sphere, triangle, orientation } => {
                     self.objects(plane, sphere, triangle, orientation)
@@ -194,7 +194,7 @@ impl<'s> SceneEncoder<'s> {
         // Ids of every kind are u32, so their numbers are too.
         for n in [
             s.lights().len(),
-            self.used.pictures.len(),
+            self.used.textures.len(),
             self.used.surfaces.len(),
             s.planes().len(),
             s.spheres().len(),
@@ -214,29 +214,29 @@ impl<'s> SceneEncoder<'s> {
         let lights = self.scene.lights();
         let to = lights.len().min(from + RUN_OBJECTS);
         lights[from..to].iter().for_each(|&light| put_vec(&mut self.buffer, light));
-        if to == lights.len() { At::Picture(0, 0) } else { At::Lights(to) }
+        if to == lights.len() { At::Texture(0, 0) } else { At::Lights(to) }
     }
 
-    fn picture(&mut self, number: usize, sample: usize) -> At {
-        let Some(&index) = self.used.pictures.get(number) else { return At::Surfaces(0) };
-        let (picture, out) = (&self.scene.textures()[index], &mut self.buffer);
+    fn texture(&mut self, number: usize, sample: usize) -> At {
+        let Some(&index) = self.used.textures.get(number) else { return At::Surfaces(0) };
+        let (texture, out) = (&self.scene.textures()[index], &mut self.buffer);
         if sample == 0 {
-            for n in [picture.width(), picture.height(), picture.maxval().into()] {
+            for n in [texture.width(), texture.height(), texture.maxval().into()] {
                 put_count(out, n);
             }
         }
         let room = self.piece_bytes;
-        let (to, length) = if let Some(bytes) = picture.bytes() {
+        let (to, length) = if let Some(bytes) = texture.bytes() {
             let to = bytes.len().min(sample + room);
             out.extend_from_slice(&bytes[sample..to]);
             (to, bytes.len())
         } else {
-            let words = picture.words().unwrap_or_default();
+            let words = texture.words().unwrap_or_default();
             let to = words.len().min(sample + room / 2 + 1);
             out.extend(words[sample..to].iter().flat_map(|w| w.to_le_bytes()));
             (to, words.len())
         };
-        if to == length { At::Picture(number + 1, 0) } else { At::Picture(number, to) }
+        if to == length { At::Texture(number + 1, 0) } else { At::Texture(number, to) }
     }
 
     fn surfaces(&mut self, from: usize) -> At {
@@ -253,7 +253,7 @@ impl<'s> SceneEncoder<'s> {
                 }
                 Pigment::Texture(id) => {
                     self.buffer.push(1);
-                    put_count(&mut self.buffer, self.used.picture_numbers[id.0 as usize]);
+                    put_count(&mut self.buffer, self.used.texture_numbers[id.0 as usize]);
                 }
             }
         }

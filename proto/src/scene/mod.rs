@@ -14,7 +14,7 @@ const MAGIC: &[u8; 8] = b"TSRSCN01";
 const PLANE_POINT: u8 = 1;
 const PLANE_DISTANCE: u8 = 2;
 const SPHERE: u8 = 3;
-const SPHERE_PICTURED: u8 = 4;
+const SPHERE_ORIENTED: u8 = 4;
 const TRIANGLE_CORNERS: u8 = 5;
 const TRIANGLE_SIDES: u8 = 6;
 
@@ -23,7 +23,7 @@ fn object_bytes(kind: u8) -> Option<usize> {
     Some(match kind {
         PLANE_POINT => 48,
         PLANE_DISTANCE | SPHERE => 32,
-        SPHERE_PICTURED => 80,
+        SPHERE_ORIENTED => 80,
         TRIANGLE_CORNERS | TRIANGLE_SIDES => 72,
         _ => return None,
     })

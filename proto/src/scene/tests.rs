@@ -27,7 +27,7 @@ fn matte(builder: &mut SceneBuilder, red: f64) -> SurfaceId {
     builder.surface(Surface { diffuse: 0.5, reflect: 0.25, pigment: Pigment::Color([red, 0.5, 1.0]) }).unwrap()
 }
 
-/// Every kind of object, pictures of both depths, kinds and surfaces changing often or not.
+/// Every kind of object, textures of both depths, kinds and surfaces changing often or not.
 fn scene(plan: &[(u8, u8, f64)]) -> Scene {
     let mut b = builder();
     b.light(dvec3(1.0, 2.0, 3.0)).unwrap();
@@ -53,7 +53,7 @@ fn scene(plan: &[(u8, u8, f64)]) -> Scene {
     b.finish().unwrap()
 }
 
-/// Every surface and picture used, so that encoding keeps all of them.
+/// Every surface and texture used, so that encoding keeps all of them.
 fn full_plan() -> Vec<(u8, u8, f64)> {
     (0..30).map(|i| (i % 6, i / 6, f64::from(i))).collect()
 }
@@ -96,7 +96,7 @@ fn the_hash_is_of_the_content_and_not_of_the_pieces() {
 }
 
 #[test]
-fn only_pictures_that_are_seen_travel() {
+fn only_textures_that_are_seen_travel() {
     let mut b = builder();
     let unused = b.texture(Texture::from_bytes(100, 100, 255, vec![7; 30_000]).unwrap()).unwrap();
     let used = b.texture(Texture::from_bytes(1, 1, 255, vec![1, 2, 3]).unwrap()).unwrap();
@@ -107,13 +107,13 @@ fn only_pictures_that_are_seen_travel() {
     assert!(length < 500, "{length} bytes");
 }
 
-/// Eight bytes a number, and what a picture's samples take.
+/// Eight bytes a number, and what a texture's samples take.
 fn size_of_numbers(scene: &Scene) -> u64 {
     let surfaces: u64 =
         scene.surfaces().iter().map(|s| if matches!(s.pigment, Pigment::Color(_)) { 40 } else { 16 }).sum();
     let planes: u64 =
         scene.planes().iter().map(|p| if matches!(p.position, PlanePosition::Point(_)) { 48 } else { 32 }).sum();
-    let pictures: u64 = scene
+    let textures: u64 = scene
         .textures()
         .iter()
         .map(|p| u64::from(p.width()) * u64::from(p.height()) * if p.bytes().is_some() { 3 } else { 6 })
@@ -121,7 +121,7 @@ fn size_of_numbers(scene: &Scene) -> u64 {
     96 + 24 * scene.lights().len() as u64
         + surfaces
         + planes
-        + pictures
+        + textures
         + 32 * scene.spheres().len() as u64
         + 48 * scene.orientations().len() as u64
         + 72 * scene.triangles().len() as u64

@@ -15,6 +15,7 @@ use tessera_proto::wire::coordinator_message::Kind as Hear;
 use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_proto::wire::{BeatRequest, Lease, RayCounts, TileDone};
 use tessera_tests::fake::Fake;
+use tessera_tests::loopback;
 use tessera_tests::program::{program, scene};
 
 /// Pixels along a tile's edge.
@@ -55,14 +56,14 @@ async fn main() -> ExitCode {
 }
 
 async fn run(args: &Args) -> Result<(), String> {
-    raise_open_files();
+    coordinator::open_files::raise();
     // Where tiles take no time, as many as ten thousand workers' would be.
     let a_second = (args.workers * 1000).checked_div(args.tile_ms).unwrap_or(100_000);
     let tiles = a_second * args.seconds;
     let across = (tiles as f64).sqrt().ceil() as u64;
     let down = tiles.div_ceil(across);
     let at = tempfile::tempdir().map_err(|e| e.to_string())?;
-    let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).map_err(|e| e.to_string())?;
+    let free = loopback::free();
     let mut farm = Command::new(program("coordinator"))
         .arg("render")
         .arg(scene("demo.xml"))
@@ -116,7 +117,7 @@ async fn work(mut fake: Fake, time: Duration, done: &Done) {
     // Beats as a worker does, rather than as tests want it.
     fake.falls_silent();
     let (mut beats, session) = (fake.client.clone(), fake.welcome.session);
-    let heart = tokio::spawn(async move {
+    let heartbeat = tokio::spawn(async move {
         while beats.beat(BeatRequest { session }).await.is_ok() {
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
@@ -154,7 +155,7 @@ async fn work(mut fake: Fake, time: Duration, done: &Done) {
             },
         }
     }
-    heart.abort();
+    heartbeat.abort();
 }
 
 fn answer(lease: &Lease, time: Duration) -> Say {
@@ -178,10 +179,4 @@ fn cpu(process: u32) -> f64 {
     let ticks = |at: usize| fields.get(at).and_then(|f| f.parse::<f64>().ok()).unwrap_or(0.0);
     // User and system time, in hundredths of a second.
     (ticks(11) + ticks(12)) / 100.0
-}
-
-fn raise_open_files() {
-    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
-    let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
 }

@@ -6,7 +6,6 @@
 #![expect(clippy::unwrap_used, reason = "a measurement that cannot go on may stop")]
 
 use std::fs;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -20,6 +19,7 @@ use tessera_proto::wire::Ready;
 use tessera_proto::wire::coordinator_message::Kind as Hear;
 use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_tests::fake::{Fake, registration};
+use tessera_tests::loopback;
 use tessera_tests::program::scene;
 use tessera_tests::web::http;
 use tonic::transport::{Channel, Endpoint};
@@ -49,10 +49,6 @@ fn start(name: &str, args: &[&str]) -> Ending {
     Ending(command.spawn().expect("build the programs first: cargo build --release --workspace --bins"))
 }
 
-fn free() -> String {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
-}
-
 fn median(mut times: Vec<Duration>) -> Duration {
     times.sort_unstable();
     times[times.len() / 2]
@@ -74,7 +70,7 @@ struct Farm {
 
 impl Farm {
     async fn start() -> Self {
-        let (folder, at) = (tempfile::tempdir().unwrap(), free());
+        let (folder, at) = (tempfile::tempdir().unwrap(), loopback::free().to_string());
         let state = folder.path().join("state").display().to_string();
         let serve = start("coordinator", &["serve", "--state", &state, "--listen", &at, "--http", "none"]);
         let endpoint = Endpoint::from_shared(format!("http://{at}")).unwrap();
@@ -203,7 +199,7 @@ fn watching() {
     let folder = tempfile::tempdir().unwrap();
     let demo = scene("demo.xml").display().to_string();
     let render = |watched: bool| {
-        let (at, stop) = (free(), Arc::new(AtomicBool::new(false)));
+        let (at, stop) = (loopback::free().to_string(), Arc::new(AtomicBool::new(false)));
         let http = if watched { at.clone() } else { "none".into() };
         let args = ["render", &demo, "-o", "x.png", "--size", "1600x1200", "--samples", "64", "--progress", "none"];
         let mut command = Command::new(program("coordinator"));

@@ -133,7 +133,7 @@ fn poles(r: &mut Random) -> Document {
     let equator = pick(r, &[DVec3::X, DVec3::Y, dvec3(1.0, 1e-12, -1.0)]);
     let away = pick(r, &[1.0, 1.0, 1e6, 1e12]);
     let mut d = Document::new(dvec3(0.0, 0.0, -2.0 * away), DVec3::ZERO);
-    d.pictures.push(("p.ppm".into(), noise()));
+    d.textures.push(("p.ppm".into(), noise()));
     d = d.with(Item::Sphere(DVec3::ZERO, 0.7 * away, Some(Orientation { pole, equator }), Look::picture(0, 0.8, 0.2)));
     let leaf = [dvec3(-0.9, -0.8, -0.6), dvec3(0.9, -0.8, -0.6), dvec3(0.0, -0.8 + tiny(r, 1, 8), 0.4)];
     d = d.triangle(leaf.map(|v| v * away), Look::picture(0, 1.0, 0.0));

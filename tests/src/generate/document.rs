@@ -26,7 +26,7 @@ pub enum Paint {
     /// The same everywhere.
     Color(Rgb),
     /// Index into [`Document::pictures`].
-    Picture(usize),
+    Texture(usize),
 }
 
 impl Look {
@@ -51,7 +51,7 @@ impl Look {
     /// A picture with both shares.
     #[must_use]
     pub const fn picture(index: usize, diffuse: f64, reflect: f64) -> Self {
-        Self { diffuse, reflect, paint: Paint::Picture(index) }
+        Self { diffuse, reflect, paint: Paint::Texture(index) }
     }
 
     /// A mirror of the given strength that scatters nothing.
@@ -89,14 +89,14 @@ pub struct Document {
     /// The world's children, in order.
     pub items: Vec<Item>,
     /// File name and content of each picture.
-    pub pictures: Vec<(String, Texture)>,
+    pub textures: Vec<(String, Texture)>,
 }
 
 impl Document {
     /// An empty world seen from `location` towards `look_at`, +y up.
     #[must_use]
     pub fn new(location: DVec3, look_at: DVec3) -> Self {
-        Self { camera: [location, DVec3::Y, look_at], background: [0.0; 3], items: Vec::new(), pictures: Vec::new() }
+        Self { camera: [location, DVec3::Y, look_at], background: [0.0; 3], items: Vec::new(), textures: Vec::new() }
     }
 
     /// The same with another background.
@@ -198,14 +198,14 @@ impl Document {
         let [location, sky, look_at] = self.camera;
         b.camera(location, sky, look_at)?;
         b.background(self.background)?;
-        let mut pictures = Vec::new();
-        for (_, p) in &self.pictures {
-            pictures.push(b.texture(p.clone())?);
+        let mut textures = Vec::new();
+        for (_, p) in &self.textures {
+            textures.push(b.texture(p.clone())?);
         }
         let surface = |b: &mut SceneBuilder, look: &Look| -> Result<SurfaceId, Invalid> {
             let pigment = match look.paint {
                 Paint::Color(c) => Pigment::Color(c),
-                Paint::Picture(i) => Pigment::Texture(pictures[i]),
+                Paint::Texture(i) => Pigment::Texture(textures[i]),
             };
             b.surface(Surface { diffuse: look.diffuse, reflect: look.reflect, pigment })
         };
@@ -294,7 +294,7 @@ impl Document {
                 let [r, g, b] = c.map(number);
                 format!("<color red=\"{r}\" green=\"{g}\" blue=\"{b}\"/>")
             }
-            Paint::Picture(i) => format!("<image><ppm file=\"{}\"/></image>", self.pictures[i].0),
+            Paint::Texture(i) => format!("<image><ppm file=\"{}\"/></image>", self.textures[i].0),
         };
         let (d, r) = (number(look.diffuse), number(look.reflect));
         format!("<surface><finish diffuse=\"{d}\" reflect=\"{r}\"/><pigment>{pigment}</pigment></surface>")
@@ -305,7 +305,7 @@ impl Document {
     /// # Errors
     /// What writing files can meet.
     pub fn write(&self, folder: &Path, name: &str) -> io::Result<()> {
-        for (file, picture) in &self.pictures {
+        for (file, picture) in &self.textures {
             std::fs::write(folder.join(file), ppm(picture))?;
         }
         std::fs::write(folder.join(format!("{name}.xml")), self.xml())

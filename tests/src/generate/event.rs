@@ -177,7 +177,7 @@ fn pictures(r: &mut Random) -> Document {
     let mut d = start(eye, eye + dvec3(whole(r, 1) * 0.25, whole(r, 1) * 0.25, 2.0)).with(Item::Light(eye));
     let samples = (0..3 * 9 * 7).map(|_| r.below(256) as u8).collect();
     if let Ok(picture) = Texture::from_bytes(9, 7, 255, samples) {
-        d.pictures.push(("noise.ppm".into(), picture));
+        d.textures.push(("noise.ppm".into(), picture));
     }
     let paint = Look::picture(0, 1.0, 0.0);
     let far = 10f64.powf(r.between(0.0, 30.0));

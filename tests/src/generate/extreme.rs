@@ -47,6 +47,84 @@ fn gap(random: &mut Random) -> f64 {
     pick(random, &[0.0, 1e-6, 1e-9, 1e-12, 1e-14])
 }
 
+/// The ground: a plane, or a sphere that is one almost, or two triangles.
+fn on_ground(r: &mut Random, mut d: Document) -> Document {
+    let ground = look(r);
+    d = match r.below(4) {
+        0 => {
+            let radius = 10f64.powi(2 + r.below(12) as i32);
+            d.sphere(dvec3(0.0, -radius, 0.0), radius, ground)
+        }
+        1 => {
+            let [a, b, c, e] = [(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)].map(|(x, z)| dvec3(x, 0.0, z));
+            d.triangle([a, b, c], ground).triangle([a, c, e], ground)
+        }
+        _ => d.plane(DVec3::Y * 2f64.powi(r.below(40) as i32 - 20), 0.0, ground),
+    };
+    if r.one_in(4) {
+        // The same ground again, or almost.
+        d = d.plane(-DVec3::Y, pick(r, &[0.0, 1e-13, -1e-13, 1e-300]), look(r));
+    }
+    d
+}
+
+/// One more object on the ground, or close to it.
+fn with_object(r: &mut Random, d: Document) -> Document {
+    let (x, z) = (r.between(-1.2, 1.2), r.between(-1.2, 1.2));
+    let look = look(r);
+    match r.below(6) {
+        // A sphere resting on the ground.
+        0 | 1 => {
+            let radius = pick(r, &[0.5, 0.3, 0.8, 1e-2, 1e-4]);
+            d.sphere(dvec3(x, radius + gap(r), z), radius, look)
+        }
+        2 => {
+            let orientation = Orientation { pole: r.direction(), equator: r.direction() };
+            d.with(Item::Sphere(dvec3(x, 0.7, z), 0.4, Some(orientation), look))
+        }
+        // A leaf on the ground, or a hair above.
+        3 => {
+            let y = gap(r);
+            d.triangle([dvec3(x - 0.5, y, z - 0.4), dvec3(x + 0.6, y, z - 0.3), dvec3(x, y, z + 0.5)], look)
+        }
+        // A sliver.
+        4 => {
+            let (a, u) = (dvec3(x - 0.5, 0.1, z), dvec3(1.0, r.between(0.0, 0.5), 0.2));
+            let thin = 10f64.powi(-(r.below(12) as i32));
+            d.with(Item::TriangleSides([a, u, u * 0.5 + DVec3::Y * thin], look))
+        }
+        // A wall.
+        _ => {
+            let at = dvec3(x, 0.0, z + 1.0);
+            d.triangle([at - DVec3::X * 1.5, at + DVec3::X * 1.5, at + dvec3(r.between(-1.0, 1.0), 2.0, 0.3)], look)
+        }
+    }
+}
+
+/// A light as near to the ground as 1e-12, or as far as 1e30.
+fn light(r: &mut Random) -> DVec3 {
+    let over = dvec3(r.between(-1.0, 1.0), 0.0, r.between(-1.5, 0.5));
+    match r.below(5) {
+        0 => over + DVec3::Y * pick(r, &[1e-12, 1e-9, 1e-6, 1e-2]),
+        1 => (r.direction() + DVec3::Y) * pick(r, &[1e6, 1e12, 1e30]),
+        _ => over * 3.0 + DVec3::Y * r.between(1.0, 6.0),
+    }
+}
+
+/// All of it at another scale, or elsewhere.
+fn scaled_or_moved(r: &mut Random, d: Document) -> Document {
+    match r.below(4) {
+        0 => d.scaled(2f64.powi(r.below(1801) as i32 - 900)),
+        1 => {
+            // Near 2^40 where coordinates round, or where they do not.
+            let offset = r.direction() * 2f64.powi(20 + r.below(21) as i32);
+            d.moved(if r.one_in(2) { offset.round() } else { offset })
+        }
+        2 => d.scaled(10f64.powi(r.below(61) as i32 - 30)),
+        _ => d,
+    }
+}
+
 /// A random scene at the limits: contacts and gaps down to 1e-14, lights as near and as far as
 /// 1e30, tiny things before huge ones, slivers, mirrors, telescopes, then all of it scaled by
 /// up to 2^±900 or moved by up to 2^40. Equal seeds give equal scenes.
@@ -67,79 +145,19 @@ pub fn random(seed: u64, width: u32, height: u32) -> (Document, Settings) {
         eye = dvec3(0.3, gap(r), -3.0);
     }
     let mut d = Document::new(eye, target).with_background(0.2, 0.3, 0.5);
-    d.pictures.push(("p.ppm".into(), picture));
+    d.textures.push(("p.ppm".into(), picture));
     if r.one_in(3) {
         d.camera[1] = r.direction() + DVec3::Y;
     }
 
-    // The ground: a plane, or a sphere that is one almost, or two triangles.
-    let ground = look(r);
-    d = match r.below(4) {
-        0 => {
-            let radius = 10f64.powi(2 + r.below(12) as i32);
-            d.sphere(dvec3(0.0, -radius, 0.0), radius, ground)
-        }
-        1 => {
-            let [a, b, c, e] = [(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)].map(|(x, z)| dvec3(x, 0.0, z));
-            d.triangle([a, b, c], ground).triangle([a, c, e], ground)
-        }
-        _ => d.plane(DVec3::Y * 2f64.powi(r.below(40) as i32 - 20), 0.0, ground),
-    };
-    if r.one_in(4) {
-        // The same ground again, or almost.
-        d = d.plane(-DVec3::Y, pick(r, &[0.0, 1e-13, -1e-13, 1e-300]), look(r));
-    }
+    d = on_ground(r, d);
     for _ in 0..2 + r.below(4) {
-        let (x, z) = (r.between(-1.2, 1.2), r.between(-1.2, 1.2));
-        let look = look(r);
-        d = match r.below(6) {
-            // A sphere resting on the ground.
-            0 | 1 => {
-                let radius = pick(r, &[0.5, 0.3, 0.8, 1e-2, 1e-4]);
-                d.sphere(dvec3(x, radius + gap(r), z), radius, look)
-            }
-            2 => {
-                let orientation = Orientation { pole: r.direction(), equator: r.direction() };
-                d.with(Item::Sphere(dvec3(x, 0.7, z), 0.4, Some(orientation), look))
-            }
-            // A leaf on the ground, or a hair above.
-            3 => {
-                let y = gap(r);
-                d.triangle([dvec3(x - 0.5, y, z - 0.4), dvec3(x + 0.6, y, z - 0.3), dvec3(x, y, z + 0.5)], look)
-            }
-            // A sliver.
-            4 => {
-                let (a, u) = (dvec3(x - 0.5, 0.1, z), dvec3(1.0, r.between(0.0, 0.5), 0.2));
-                let thin = 10f64.powi(-(r.below(12) as i32));
-                d.with(Item::TriangleSides([a, u, u * 0.5 + DVec3::Y * thin], look))
-            }
-            // A wall.
-            _ => {
-                let at = dvec3(x, 0.0, z + 1.0);
-                d.triangle([at - DVec3::X * 1.5, at + DVec3::X * 1.5, at + dvec3(r.between(-1.0, 1.0), 2.0, 0.3)], look)
-            }
-        };
+        d = with_object(r, d);
     }
     for _ in 0..1 + r.below(2) {
-        let over = dvec3(r.between(-1.0, 1.0), 0.0, r.between(-1.5, 0.5));
-        let light = match r.below(5) {
-            0 => over + DVec3::Y * pick(r, &[1e-12, 1e-9, 1e-6, 1e-2]),
-            1 => (r.direction() + DVec3::Y) * pick(r, &[1e6, 1e12, 1e30]),
-            _ => over * 3.0 + DVec3::Y * r.between(1.0, 6.0),
-        };
-        d = d.with(Item::Light(light));
+        d = d.with(Item::Light(light(r)));
     }
-
-    match r.below(4) {
-        0 => d = d.scaled(2f64.powi(r.below(1801) as i32 - 900)),
-        1 => {
-            // Near 2^40 where coordinates round, or where they do not.
-            let offset = r.direction() * 2f64.powi(20 + r.below(21) as i32);
-            d = d.moved(if r.one_in(2) { offset.round() } else { offset });
-        }
-        2 => d = d.scaled(10f64.powi(r.below(61) as i32 - 30)),
-        _ => {}
-    }
+    d = scaled_or_moved(r, d);
     let settings = Settings {
         view: View::new(width, height, away, 1.0).unwrap_or_else(|e| unreachable!("{e}")),
         max_depth: pick(r, &[1, 3, 6, 12]),
@@ -161,7 +179,7 @@ pub fn snapped(seed: u64) -> (Document, Settings) {
     let mut d = Document::new(eye, eye + ahead).with_background(0.2, 0.3, 0.5);
     for _ in 0..3 + r.below(5) {
         let look = match look(r) {
-            Look { paint: super::Paint::Picture(_), .. } => Look::new(0.7, 0.6, 0.5, 0.5, 0.5),
+            Look { paint: super::Paint::Texture(_), .. } => Look::new(0.7, 0.6, 0.5, 0.5, 0.5),
             look => look,
         };
         let p = place(r);

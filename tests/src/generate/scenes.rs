@@ -45,7 +45,7 @@ fn on_globe(lon: f64, lat: f64) -> DVec3 {
 #[must_use]
 pub fn demo() -> Document {
     let mut d = Document::new(dvec3(1.2, 2.9, -8.4), dvec3(0.0, 1.35, 0.0)).with_background(0.45, 0.62, 0.85);
-    d.pictures.push(("globe.ppm".into(), globe(512)));
+    d.textures.push(("globe.ppm".into(), globe(512)));
     d = d.plane(DVec3::Y, 0.0, Look::new(0.82, 0.8, 0.74, 0.7, 0.12)).with(Item::Sphere(
         dvec3(0.0, 1.5, 0.0),
         1.5,

@@ -161,8 +161,32 @@ fn mutate(r: &mut Random, text: &mut String, from: usize) {
     if tags.is_empty() {
         return;
     }
-    let tag = |r: &mut Random| tags[r.below(tags.len())];
     match r.below(14) {
+        what @ 0..=2 => mutate_characters(what, r, text, from),
+        // A snippet between tags, or anywhere.
+        3 | 4 => {
+            let at = tags[r.below(tags.len())].1;
+            text.insert_str(at, r.pick(&SNIPPETS));
+        }
+        5 => {
+            let at = place(r, text, from);
+            text.insert_str(at, r.pick(&SNIPPETS));
+        }
+        what @ 6..=8 => mutate_tags(what, r, text, &tags),
+        what => {
+            let tag = tags[r.below(tags.len())];
+            match what {
+                9 | 10 => rename(r, text, from, tag),
+                11 | 12 => mutate_attributes(what, r, text, tag),
+                _ => mutate_element(r, text, tag),
+            }
+        }
+    }
+}
+
+/// A character goes, another comes, or some go.
+fn mutate_characters(what: usize, r: &mut Random, text: &mut String, from: usize) {
+    match what {
         0 => {
             let at = place(r, text, from);
             if let Some(c) = text[at..].chars().next() {
@@ -177,7 +201,7 @@ fn mutate(r: &mut Random, text: &mut String, from: usize) {
             ]);
             text.insert_str(at, c);
         }
-        2 => {
+        _ => {
             let (a, b) = (place(r, text, from), place(r, text, from));
             let len = (a.max(b) - a.min(b)).min(60);
             let mut end = a.min(b) + len;
@@ -186,16 +210,13 @@ fn mutate(r: &mut Random, text: &mut String, from: usize) {
             }
             text.replace_range(a.min(b)..end, "");
         }
-        // A snippet between tags, or anywhere.
-        3 | 4 => {
-            let at = tag(r).1;
-            text.insert_str(at, r.pick(&SNIPPETS));
-        }
-        5 => {
-            let at = place(r, text, from);
-            text.insert_str(at, r.pick(&SNIPPETS));
-        }
-        // A tag goes, comes twice, moves.
+    }
+}
+
+/// A tag goes, comes twice, or moves.
+fn mutate_tags(what: usize, r: &mut Random, text: &mut String, tags: &[(usize, usize)]) {
+    let tag = |r: &mut Random| tags[r.below(tags.len())];
+    match what {
         6 => {
             let (start, end) = tag(r);
             text.replace_range(start..end, "");
@@ -206,7 +227,7 @@ fn mutate(r: &mut Random, text: &mut String, from: usize) {
             let at = if r.below(2) == 0 { end } else { tag(r).0 };
             text.insert_str(at, &copy);
         }
-        8 => {
+        _ => {
             let ((a, b), (c, d)) = (tag(r), tag(r));
             let ((a, b), (c, d)) = if a < c { ((a, b), (c, d)) } else { ((c, d), (a, b)) };
             if b <= c {
@@ -215,33 +236,36 @@ fn mutate(r: &mut Random, text: &mut String, from: usize) {
                 text.replace_range(a..b, &second);
             }
         }
-        // Another name, at one end or both.
-        9 | 10 => {
-            let (start, end) = tag(r);
-            let begin = start + if text[start..].starts_with("</") { 2 } else { 1 };
-            let len = text[begin..end].find([' ', '>', '/', '\n', '\t']).unwrap_or(0);
-            let old = text[begin..begin + len].to_owned();
-            let new = r.pick(&NAMES);
-            if r.below(2) == 0 && len > 0 {
-                *text = format!(
-                    "{}{}",
-                    &text[..from],
-                    text[from..]
-                        .replace(&format!("<{old}"), &format!("<{new}"))
-                        .replace(&format!("</{old}"), &format!("</{new}"))
-                );
-            } else {
-                text.replace_range(begin..begin + len, new);
-            }
-        }
-        // Attributes.
+    }
+}
+
+/// Another name, at one end or both.
+fn rename(r: &mut Random, text: &mut String, from: usize, (start, end): (usize, usize)) {
+    let begin = start + if text[start..].starts_with("</") { 2 } else { 1 };
+    let len = text[begin..end].find([' ', '>', '/', '\n', '\t']).unwrap_or(0);
+    let old = text[begin..begin + len].to_owned();
+    let new = r.pick(&NAMES);
+    if r.below(2) == 0 && len > 0 {
+        *text = format!(
+            "{}{}",
+            &text[..from],
+            text[from..]
+                .replace(&format!("<{old}"), &format!("<{new}"))
+                .replace(&format!("</{old}"), &format!("</{new}"))
+        );
+    } else {
+        text.replace_range(begin..begin + len, new);
+    }
+}
+
+/// An attribute comes, has another name, or is gone.
+fn mutate_attributes(what: usize, r: &mut Random, text: &mut String, (start, end): (usize, usize)) {
+    match what {
         11 => {
-            let (start, end) = tag(r);
             let at = text[start..end].find([' ', '>', '/']).map_or(end, |i| start + i.max(1));
             text.insert_str(at, r.pick(&ATTRIBUTES));
         }
-        12 => {
-            let (start, end) = tag(r);
+        _ => {
             if let Some(equals) = text[start..end].find('=').map(|i| start + i) {
                 let begin = text[..equals].trim_end().rfind([' ', '\n', '\t']).map_or(equals, |i| i + 1).max(start + 1);
                 match r.below(2) {
@@ -250,26 +274,26 @@ fn mutate(r: &mut Random, text: &mut String, from: usize) {
                 }
             }
         }
-        // A whole element twice, or the end cut off.
-        _ => {
-            let (start, end) = tag(r);
-            let begin = start + 1;
-            let len = text[begin..end].find([' ', '>', '/', '\n', '\t']).unwrap_or(0);
-            let close = format!("</{}", &text[begin..begin + len]);
-            if r.below(8) == 0 {
-                text.truncate(end);
-            } else if let Some(close_end) =
-                text[end..].find(&close).and_then(|i| text[end + i..].find('>').map(|j| end + i + j + 1))
-            {
-                let copy = text[start..close_end].to_owned();
-                if r.below(2) == 0 {
-                    text.replace_range(start..close_end, "");
-                }
-                text.insert_str(start.min(text.len()), &copy);
-                if r.below(3) == 0 {
-                    text.insert_str(start.min(text.len()), &copy);
-                }
-            }
+    }
+}
+
+/// A whole element comes twice or goes, or the end is cut off.
+fn mutate_element(r: &mut Random, text: &mut String, (start, end): (usize, usize)) {
+    let begin = start + 1;
+    let len = text[begin..end].find([' ', '>', '/', '\n', '\t']).unwrap_or(0);
+    let close = format!("</{}", &text[begin..begin + len]);
+    if r.below(8) == 0 {
+        text.truncate(end);
+    } else if let Some(close_end) =
+        text[end..].find(&close).and_then(|i| text[end + i..].find('>').map(|j| end + i + j + 1))
+    {
+        let copy = text[start..close_end].to_owned();
+        if r.below(2) == 0 {
+            text.replace_range(start..close_end, "");
+        }
+        text.insert_str(start.min(text.len()), &copy);
+        if r.below(3) == 0 {
+            text.insert_str(start.min(text.len()), &copy);
         }
     }
 }

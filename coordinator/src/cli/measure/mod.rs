@@ -1,40 +1,40 @@
 //! `coordinator measure`: what accuracy costs on a scene, and which setting to take.
 
-mod flags;
 mod progress;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use coordinator::measure::{self, MeasureError, Measured, Order, PeerError, Plot, Reference, Stage};
+use clap::CommandFactory;
+use coordinator::measure::{self, MeasureError, Measured, Method, Order, PeerError, Plot, Point, Reference, Stage};
 use tessera_core::film::PixelsRef;
 use tessera_core::film::file::{Depth, Output, OutputError, plan_text, write_text};
-use tessera_core::settings::{Sampling, Settings, Transfer, View};
+use tessera_core::settings::{Quality, Sampling, Settings, Transfer, View};
 use tessera_core::trace::PreparedScene;
 use tokio::sync::watch;
 
-use super::args::ProgressArg;
+use super::args::{Args, Measure, ProgressArg};
 use super::console::Console;
 use super::exit::{Exit, Failure};
 use super::files::Files;
+use super::options::WORKERS;
 use super::progress::{Style, done_json};
-use super::render::{blocking, failure, on_runtime, unless_stopped};
+use super::runtime::{blocking, on_runtime, unless_stopped};
 use super::{scene, signals};
-pub(super) use flags::{EXAMPLES, Flags, MORE};
 
 /// Pixels of the PNG for each of the SVG.
 const SCALE: u32 = 2;
 
 /// Measures as the flags say; `began` is when the program started.
-pub(super) fn run(raw: Flags, console: &Console, began: Instant) -> Result<Exit, Failure> {
+pub(super) fn run(raw: Measure, console: &Console, began: Instant) -> Result<Exit, Failure> {
     let options = Options::new(raw)?;
     on_runtime(options.threads, measure(options, console, began))
 }
 
 /// Flags that make sense, as far as can be known without reading the scene.
 struct Options {
-    raw: Flags,
+    raw: Measure,
     settings: Settings,
     workers: usize,
     threads: usize,
@@ -45,7 +45,7 @@ struct Options {
 }
 
 impl Options {
-    fn new(raw: Flags) -> Result<Self, Failure> {
+    fn new(raw: Measure) -> Result<Self, Failure> {
         let (width, height) = raw.size;
         let view = View::new(width, height, raw.zoom, raw.plane_height).map_err(Failure::usage)?;
         let settings = Settings {
@@ -69,7 +69,7 @@ impl Options {
         };
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Self {
-            workers: raw.workers.map_or(2, usize::from),
+            workers: raw.workers.map_or(WORKERS, usize::from),
             threads: raw.threads.map_or_else(cores, usize::from),
             settings,
             files,
@@ -79,23 +79,34 @@ impl Options {
         })
     }
 
-    /// The command line of a render like those measured, without its accuracy and depth.
-    fn render_command(&self) -> String {
-        let raw = &self.raw;
+    /// The command line that renders a point again: what of the picture is not as by default, and the point's flags.
+    fn render_command(&self, method: Method, point_flags: &[String]) -> String {
+        let (raw, args) = (&self.raw, Args::command());
+        let flags = args.find_subcommand("render");
+        let default = |long: &str| {
+            let flag = flags?.get_arguments().find(|arg| arg.get_long() == Some(long))?;
+            Some(flag.get_default_values().first()?.to_string_lossy().into_owned())
+        };
         let mut words = vec!["coordinator render".to_owned(), quoted(&raw.scene)];
-        let mut add = |flag: &str, value: String, default: &str| {
-            if value != default {
-                words.push(format!("{flag} {value}"));
+        let mut add = |long: &str, value: String| {
+            if default(long).as_ref() != Some(&value) {
+                words.push(format!("--{long} {value}"));
             }
         };
-        add("--size", format!("{}x{}", raw.size.0, raw.size.1), "640x480");
-        add("--zoom", raw.zoom.to_string(), "1");
-        add("--plane-height", raw.plane_height.to_string(), "1");
-        add("--transfer", self.settings.transfer.name().into(), "srgb");
-        add("--workers", self.workers.to_string(), "2");
-        if let Some(threads) = raw.threads {
-            add("--threads", threads.to_string(), "");
+        add("size", format!("{}x{}", raw.size.0, raw.size.1));
+        add("zoom", raw.zoom.to_string());
+        add("plane-height", raw.plane_height.to_string());
+        add("transfer", self.settings.transfer.name().into());
+        if self.workers != WORKERS {
+            add("workers", self.workers.to_string());
         }
+        if let Some(threads) = raw.threads {
+            add("threads", threads.to_string());
+        }
+        if method != Method::MaxDepth {
+            add("max-depth", raw.max_depth.to_string());
+        }
+        words.extend(point_flags.iter().cloned());
         words.join(" ")
     }
 }
@@ -147,10 +158,10 @@ impl Results {
     }
 
     /// Writes everything; the plot only where there is something to plot.
-    fn write(&self, measured: &Measured, render: &str) -> Result<(), Failure> {
+    fn write(&self, measured: &Measured, command: impl Fn(&Point) -> String) -> Result<(), Failure> {
         let failed = |e: &dyn std::fmt::Display| Failure::new(Exit::Failed, e);
         write_text(&self.csv, &measured.to_csv()).map_err(|e| failed(&e))?;
-        let json = measured.to_json(render).map_err(|e| failed(&e))?;
+        let json = measured.to_json(command).map_err(|e| failed(&e))?;
         write_text(&self.json, &json).map_err(|e| failed(&e))?;
         let Some(plot) = Plot::new(measured) else { return Ok(()) };
         write_text(&self.svg, &plot.to_svg()).map_err(|e| failed(&e))?;
@@ -196,6 +207,8 @@ async fn measure(mut options: Options, console: &Console, began: Instant) -> Res
         name: scene_name(&options.raw.scene)?.to_string_lossy().into_owned(),
         scene: Arc::new(prepared),
         settings: options.settings,
+        // Where nothing is said of accuracy, `render` takes it.
+        quality: Quality::default(),
         workers: options.workers,
         threads: options.threads,
         read: reading,
@@ -215,17 +228,17 @@ async fn measure(mut options: Options, console: &Console, began: Instant) -> Res
     // It ends by itself, its sender being gone; the bar must be off the screen before the next line.
     let _ = shown.await;
     let measured = ended.map_err(|e| match e {
-        MeasureError::Render(e) => failure(&e),
+        MeasureError::Render(e) => Failure::from(&e),
         MeasureError::Files(_) => Failure::new(Exit::Failed, e),
     })?;
 
-    let render = options.render_command();
-    let text = measured.to_text(&render);
+    let text = measured.to_text(|point| options.render_command(point.method, &point.flags));
     let progress = options.raw.progress;
     let (told, unmeasured, interrupted) =
         (options.files.told(&measured), measured.points.is_empty(), measured.interrupted);
     let csv = options.files.csv.clone();
-    blocking(move || options.files.write(&measured, &render)).await??;
+    blocking(move || options.files.write(&measured, |point| options.render_command(point.method, &point.flags)))
+        .await??;
     console.out(&text)?;
     match progress {
         ProgressArg::None => {}
@@ -246,7 +259,34 @@ async fn measure(mut options: Options, console: &Console, began: Instant) -> Res
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+    use crate::cli::args::Command;
+
+    #[test]
+    fn commands_say_what_is_not_the_default_and_name_a_depth_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let prefix = folder.path().join("curve").display().to_string();
+        let options = |flags: &[&str]| {
+            let words = ["coordinator", "measure", "a.xml", "-o", &prefix].into_iter().chain(flags.iter().copied());
+            let Ok(Args { command: Command::Measure(raw), .. }) = Args::try_parse_from(words) else {
+                panic!("no flags")
+            };
+            Options::new(*raw).unwrap()
+        };
+        let command = |options: &Options, method: Method, flags: [&str; 2]| {
+            options.render_command(method, &flags.map(str::to_owned))
+        };
+        let plain = options(&[]);
+        let said = command(&plain, Method::MaxError, ["--max-error", "0.5"]);
+        assert_eq!(said, "coordinator render a.xml --max-error 0.5");
+        let other = options(&["--max-depth", "8", "--size", "64x48", "--workers", "1"]);
+        let said = command(&other, Method::MaxDepth, ["--max-depth", "4"]);
+        assert_eq!(said, "coordinator render a.xml --size 64x48 --workers 1 --max-depth 4");
+        let said = command(&other, Method::Samples, ["--samples", "4"]);
+        assert_eq!(said, "coordinator render a.xml --size 64x48 --workers 1 --max-depth 8 --samples 4");
+    }
 
     #[test]
     fn paths_are_words_for_a_shell() {

@@ -13,7 +13,7 @@ use super::{Dispatcher, FARM, Session};
 use crate::farm::guard::for_good;
 use crate::farm::roster::Entered;
 use crate::farm::service::{Joined, Visitor};
-use crate::job::WorkerStats;
+use crate::progress::WorkerStats;
 use crate::scheduler::WorkerKey;
 
 impl Dispatcher {

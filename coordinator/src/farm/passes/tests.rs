@@ -58,7 +58,7 @@ fn run(goal: Goal, left: &[(u32, Kept)], edge: u32, most: usize) -> (Vec<(u32, K
                 idle: Duration::ZERO,
             };
             passes.accept(region, &done, (String::new(), None));
-            let kept = Kept { lease, error, rays: done.rays, place: Place::default(), made: None };
+            let kept = Kept { lease, error, rays: done.rays, place: Location::default(), made: None };
             all.push((passes.begun - 1, kept));
             rendered += region.area();
         }

@@ -3,8 +3,9 @@
 use tokio::time::Instant;
 
 use super::{Ended, Run};
+use crate::error::RenderError;
 use crate::farm::stitch::Stitched;
-use crate::job::{RenderError, Rendered, Unfinished};
+use crate::job::{Rendered, Unfinished};
 
 /// A job of which nothing is leased any more; its picture may still be being stitched.
 pub(crate) struct Finished {

@@ -8,8 +8,8 @@ use tessera_proto::identity::WorkerId;
 use tokio::sync::watch;
 
 use super::{Member, Note, Run};
-use crate::farm::canvas::TileNote;
-use crate::job::{Progress, WorkerStats};
+use crate::film::TileNote;
+use crate::progress::{Progress, WorkerStats};
 use crate::scheduler::WorkerKey;
 
 impl Run {
@@ -20,13 +20,13 @@ impl Run {
         place
     }
 
-    /// What those who look at the picture are told of a tile.
-    pub(super) fn note_of(&self, region: Region, done: &TileDone, name: &str) -> TileNote {
+    /// What those who look at the picture are told of a tile; `error` is the picture's so far.
+    pub(super) fn note_of(&self, region: Region, done: &TileDone, (name, error): (&str, Option<f64>)) -> TileNote {
         TileNote {
             region,
             worker: name.into(),
             pass: self.passes.at_hand().0,
-            so_far: self.passes.error_so_far().map(|error| (self.start.elapsed().as_secs_f64(), 255.0 * error)),
+            so_far: error.map(|error| (self.start.elapsed().as_secs_f64(), 255.0 * error)),
             error: (done.error.pixels > 0).then(|| 255.0 * done.error.expected_rmse()),
             rays: done.rays.total(),
             busy_us: u64::try_from(done.busy.as_micros()).unwrap_or(u64::MAX),
@@ -46,7 +46,8 @@ impl Run {
         });
     }
 
-    pub(super) fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) {
+    /// Counts a tile; gives the error of the picture so far.
+    pub(super) fn count(&mut self, worker: WorkerKey, region: Region, done: &TileDone) -> Option<f64> {
         let (tiles_total, earlier, elapsed) =
             (self.scheduler.tiles_estimate(), self.tiles_of_pass, self.start.elapsed());
         let error = self.passes.error_so_far();
@@ -67,6 +68,7 @@ impl Run {
                 w.busy += done.busy;
             }
         });
+        error
     }
 }
 

@@ -29,7 +29,7 @@ pub(super) struct Member {
     pub(super) ready: bool,
     /// Whether it goes to another job as soon as it has answered what it has begun.
     pub(super) leaving: bool,
-    /// Place of its figures in [`Progress::workers`].
+    /// Location of its figures in [`Progress::workers`].
     pub(super) place: usize,
     pub(super) threads: u32,
     pub(super) last_sign: LastSign,

@@ -17,8 +17,9 @@ use crate::farm::roster::Roster;
 use crate::farm::service::FarmEvent;
 use crate::farm::stitch::Stitch;
 use crate::farm::verify::{Assigned, Closed, Made, Sum, Verify, sum_of};
-use crate::job::{CheckedTile, SceneSource, Verification};
+use crate::job::SceneSource;
 use crate::journal::{Kept, ThrownOut, Verified};
+use crate::progress::{CheckedTile, Verification};
 use crate::scheduler::{Event, WorkerKey};
 
 /// What this process renders tiles with to decide about others' results: the tracer itself, on threads of its

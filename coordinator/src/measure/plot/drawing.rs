@@ -5,7 +5,7 @@
 pub(super) type Colour = [u8; 3];
 
 /// A point: right, down.
-pub(super) type Place = (f64, f64);
+pub(super) type Position = (f64, f64);
 
 /// How a line is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +32,7 @@ pub(super) enum Anchor {
 /// A line of text; its place is on its base line.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
-    pub(super) at: Place,
+    pub(super) at: Position,
     pub(super) text: String,
     pub(super) size: f64,
     pub(super) medium: bool,
@@ -45,7 +45,7 @@ pub(super) struct Text {
 }
 
 impl Text {
-    pub(super) fn new(at: Place, size: f64, colour: Colour, text: impl Into<String>) -> Self {
+    pub(super) fn new(at: Position, size: f64, colour: Colour, text: impl Into<String>) -> Self {
         let text = text.into();
         Self { at, text, size, medium: false, colour, anchor: Anchor::Start, upward: false, seam: false }
     }
@@ -71,17 +71,17 @@ impl Text {
 pub(super) enum Shape {
     /// A closed outline; filled, stroked or both.
     Polygon {
-        points: Vec<Place>,
+        points: Vec<Position>,
         fill: Option<Colour>,
         stroke: Option<Stroke>,
     },
     /// An open line with round joins and ends.
     Line {
-        points: Vec<Place>,
+        points: Vec<Position>,
         stroke: Stroke,
     },
     Circle {
-        at: Place,
+        at: Position,
         radius: f64,
         fill: Option<Colour>,
         stroke: Option<Stroke>,
@@ -100,15 +100,15 @@ pub(super) struct Drawing {
 }
 
 impl Drawing {
-    pub(super) fn polygon(&mut self, points: Vec<Place>, fill: Option<Colour>, stroke: Option<Stroke>) {
+    pub(super) fn polygon(&mut self, points: Vec<Position>, fill: Option<Colour>, stroke: Option<Stroke>) {
         self.shapes.push(Shape::Polygon { points, fill, stroke });
     }
 
-    pub(super) fn line(&mut self, points: Vec<Place>, stroke: Stroke) {
+    pub(super) fn line(&mut self, points: Vec<Position>, stroke: Stroke) {
         self.shapes.push(Shape::Line { points, stroke });
     }
 
-    pub(super) fn circle(&mut self, at: Place, radius: f64, fill: Option<Colour>, stroke: Option<Stroke>) {
+    pub(super) fn circle(&mut self, at: Position, radius: f64, fill: Option<Colour>, stroke: Option<Stroke>) {
         self.shapes.push(Shape::Circle { at, radius, fill, stroke });
     }
 

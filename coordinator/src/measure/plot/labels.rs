@@ -1,6 +1,6 @@
 //! Where names are written, so that they cover neither each other nor what they name.
 
-use super::drawing::{Anchor, Place, Text};
+use super::drawing::{Anchor, Position, Text};
 use super::font::Font;
 
 /// How far apart the places are that stand for a line.
@@ -22,7 +22,7 @@ impl Area {
         if w > 0.0 && h > 0.0 { w * h } else { 0.0 }
     }
 
-    fn holds(&self, (x, y): Place) -> bool {
+    fn holds(&self, (x, y): Position) -> bool {
         (self.left..=self.right).contains(&x) && (self.top..=self.bottom).contains(&y)
     }
 
@@ -35,7 +35,7 @@ impl Area {
 #[derive(Debug)]
 pub(super) struct Label {
     pub(super) text: Text,
-    pub(super) near: Vec<Place>,
+    pub(super) near: Vec<Position>,
     /// Between the place and the name.
     pub(super) gap: f64,
     /// Whether it is written even where it covers something.
@@ -47,29 +47,29 @@ pub(super) struct Label {
 pub(super) struct Labels {
     frame: Area,
     taken: Vec<Area>,
-    crossed: Vec<Place>,
+    crossed: Vec<Position>,
     texts: Vec<Text>,
 }
 
 impl Labels {
     /// No names yet; all of them will be between these corners.
-    pub(super) fn within(from: Place, to: Place) -> Self {
+    pub(super) fn within(from: Position, to: Position) -> Self {
         let frame = Area { left: from.0, top: from.1, right: to.0, bottom: to.1 };
         Self { frame, taken: Vec::new(), crossed: Vec::new(), texts: Vec::new() }
     }
 
     /// Keeps names off a marker.
-    pub(super) fn keep_clear(&mut self, (x, y): Place, radius: f64) {
+    pub(super) fn keep_clear(&mut self, (x, y): Position, radius: f64) {
         self.taken.push(Area { left: x - radius, top: y - radius, right: x + radius, bottom: y + radius });
     }
 
     /// Keeps names out of a rectangle.
-    pub(super) fn block(&mut self, from: Place, to: Place) {
+    pub(super) fn block(&mut self, from: Position, to: Position) {
         self.taken.push(Area { left: from.0, top: from.1, right: to.0, bottom: to.1 });
     }
 
     /// Keeps names off a line, where that is possible.
-    pub(super) fn avoid(&mut self, line: &[Place]) {
+    pub(super) fn avoid(&mut self, line: &[Position]) {
         for pair in line.windows(2) {
             let ((ax, ay), (bx, by)) = (pair[0], pair[1]);
             let steps = ((bx - ax).hypot(by - ay) / STEP).ceil().max(1.0);
@@ -116,7 +116,7 @@ impl Labels {
 }
 
 /// Areas around a place, the ones that read best first.
-fn around((x, y): Place, (width, size): (f64, f64), gap: f64) -> Vec<Area> {
+fn around((x, y): Position, (width, size): (f64, f64), gap: f64) -> Vec<Area> {
     let height = size * 1.1;
     let mut areas = Vec::new();
     for gap in [gap, 2.0 * gap, 3.5 * gap] {
@@ -143,7 +143,7 @@ fn around((x, y): Place, (width, size): (f64, f64), gap: f64) -> Vec<Area> {
 mod tests {
     use super::*;
 
-    fn label(text: &str, near: Place, needed: bool) -> Label {
+    fn label(text: &str, near: Position, needed: bool) -> Label {
         Label { text: Text::new((0.0, 0.0), 12.0, [0; 3], text), near: vec![near], gap: 6.0, needed }
     }
 

@@ -8,7 +8,7 @@ mod raster;
 mod svg;
 
 use axis::Axis;
-use drawing::{Anchor, Colour, Drawing, Place, Stroke, Text};
+use drawing::{Anchor, Colour, Drawing, Position, Stroke, Text};
 use labels::{Label, Labels};
 
 use super::knob::Method;
@@ -129,7 +129,7 @@ impl<'a> Sheet<'a> {
         BOTTOM - self.y.place(error) * (BOTTOM - TOP)
     }
 
-    fn place(&self, p: &Point) -> Place {
+    fn place(&self, p: &Point) -> Position {
         (self.right(p.trace.as_secs_f64()), self.down(p.metrics.rmse_steps()))
     }
 
@@ -196,7 +196,7 @@ impl<'a> Sheet<'a> {
     }
 
     /// The line of a method; named qualities are points of that of errors.
-    fn path(&self, method: Method) -> Vec<Place> {
+    fn path(&self, method: Method) -> Vec<Position> {
         let mut points = match method {
             Method::Quality => return Vec::new(),
             Method::MaxError => [self.of(Method::MaxError), self.of(Method::Quality)].concat(),
@@ -273,7 +273,7 @@ impl<'a> Sheet<'a> {
 }
 
 /// The marker of a method around a place; `None` is a circle.
-fn outline(method: Method, (x, y): Place) -> Option<Vec<Place>> {
+fn outline(method: Method, (x, y): Position) -> Option<Vec<Position>> {
     let at = |d: &[(f64, f64)]| Some(d.iter().map(|(dx, dy)| (x + dx, y + dy)).collect());
     match method {
         Method::MaxError => None,

@@ -2,7 +2,7 @@
 
 use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Transform};
 
-use super::drawing::{Anchor, Colour, Drawing, Place, Shape, Stroke, Text};
+use super::drawing::{Anchor, Colour, Drawing, Position, Shape, Stroke, Text};
 use super::font::Font;
 
 /// The drawing at `scale` pixels a unit, as sRGB codes; `None` where there is no memory for it.
@@ -24,7 +24,7 @@ pub(super) fn render(drawing: &Drawing, scale: u32) -> Option<(u32, u32, Vec<[u8
     Some((canvas.pixmap.width(), canvas.pixmap.height(), pixels))
 }
 
-fn path(points: &[Place], closed: bool) -> Option<Path> {
+fn path(points: &[Position], closed: bool) -> Option<Path> {
     let mut builder = PathBuilder::new();
     for (i, &(x, y)) in points.iter().enumerate() {
         let (x, y) = (x as f32, y as f32);

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::drawing::{Anchor, Colour, Drawing, Place, Shape, Stroke, Text};
+use super::drawing::{Anchor, Colour, Drawing, Position, Shape, Stroke, Text};
 
 /// The families tried, the embedded one's first: the texts fit with any of them.
 const FAMILIES: &str = "Roboto, 'Helvetica Neue', Arial, sans-serif";
@@ -65,7 +65,7 @@ fn text(out: &mut String, t: &Text) -> std::fmt::Result {
     writeln!(out, ">{}</text>", escape(&t.text))
 }
 
-fn path(points: &[Place]) -> String {
+fn path(points: &[Position]) -> String {
     let mut d = String::new();
     for (i, (x, y)) in points.iter().enumerate() {
         let _ = write!(d, "{}{} {}", if i == 0 { "M" } else { "L" }, number(*x), number(*y));

@@ -6,51 +6,51 @@ use tessera_core::film::Region;
 use tessera_proto::LeaseId;
 
 use super::super::{Effect, End, Event, MAX_DEPTH, MAX_REVOKED, Scheduler, WorkerKey};
-use super::session::{Down, Up};
 use super::world::{What, World};
+use crate::config::TileSize;
 use crate::farm::verify::Verify;
-use crate::job::TileSize;
 use crate::journal::rest;
+use crate::simulation::message::{FromCoordinator, FromWorker};
 
 /// What came within this time may not be on the disk.
 const UNSYNCED: Duration = Duration::from_secs(1);
 
 impl World {
-    pub(super) fn coordinator_hears(&mut self, session: usize, said: Up) {
+    pub(super) fn coordinator_hears(&mut self, session: usize, said: FromWorker) {
         self.messages += 1;
         if self.sessions[session].closed_there {
             return;
         }
         let Some(worker) = self.sessions[session].key else {
-            if matches!(said, Up::Register) {
+            if matches!(said, FromWorker::Register) {
                 self.admit(session);
             }
             return;
         };
         match said {
-            Up::Register => self.tell(Event::Broke { worker, rule: "it registered twice".into() }),
-            Up::Ready => {
+            FromWorker::Register => self.tell(Event::Broke { worker, rule: "it registered twice".into() }),
+            FromWorker::Ready => {
                 self.sessions[session].ready = true;
                 self.tell(Event::Ready { worker });
             }
-            Up::Bytes => self.tell(Event::Heard { worker }),
-            Up::Beat => {
+            FromWorker::Bytes => self.tell(Event::Heard { worker }),
+            FromWorker::Beat => {
                 self.tell(Event::Heard { worker });
-                self.answer(session, Down::BeatReply, 60);
+                self.answer(session, FromCoordinator::BeatReply, 60);
             }
-            Up::Garbage => self.tell(Event::Broke { worker, rule: "a tile of the wrong size".into() }),
-            Up::Draining => {
+            FromWorker::Garbage => self.tell(Event::Broke { worker, rule: "a tile of the wrong size".into() }),
+            FromWorker::Draining => {
                 self.sessions[session].ready = false;
                 self.tell(Event::Draining { worker });
             }
-            Up::Closed => self.left(worker, "the connection broke"),
-            Up::Done { lease, shows, lies, busy, .. } if Verify::is_check(lease) => {
+            FromWorker::Closed => self.left(worker, "the connection broke"),
+            FromWorker::Done { lease, shows, lies, busy, .. } if Verify::is_check(lease) => {
                 self.check_answered(worker, lease, (shows, lies), busy);
             }
-            Up::Failed { lease, .. } | Up::Returned { lease, .. } if Verify::is_check(lease) => {
+            FromWorker::Failed { lease, .. } | FromWorker::Returned { lease, .. } if Verify::is_check(lease) => {
                 self.check_failed(worker, lease);
             }
-            Up::Done { lease, attempt, shows, lies, busy, idle } => {
+            FromWorker::Done { lease, attempt, shows, lies, busy, idle } => {
                 if let Some(region) = self.scheduler.region_of(worker, lease)
                     && self.sessions[session].owed.contains(&lease)
                 {
@@ -60,11 +60,11 @@ impl World {
                 self.lies = lies;
                 self.tell(Event::Done { worker, lease, attempt, busy, idle });
             }
-            Up::Failed { lease, attempt } => {
+            FromWorker::Failed { lease, attempt } => {
                 self.sessions[session].owed.remove(&lease);
                 self.tell(Event::Failed { worker, lease, attempt, cause: "cursed".into() });
             }
-            Up::Returned { lease, attempt } => {
+            FromWorker::Returned { lease, attempt } => {
                 self.sessions[session].owed.remove(&lease);
                 self.tell(Event::Returned { worker, lease, attempt });
             }
@@ -82,7 +82,7 @@ impl World {
         self.next_key += 1;
         self.sessions[session].key = Some(worker);
         self.seats.insert(worker, session);
-        self.answer(session, Down::Welcome, 200);
+        self.answer(session, FromCoordinator::Welcome, 200);
         self.tell(Event::Joined { worker, threads, instance, own: false });
     }
 
@@ -95,7 +95,7 @@ impl World {
         let Some(session) = self.seats.remove(&worker) else { return };
         let id = self.sessions[session].id;
         self.unassigned.extend(self.verify.left(worker, id));
-        self.answer(session, Down::Closed, 20);
+        self.answer(session, FromCoordinator::Closed, 20);
         let s = &mut self.sessions[session];
         (s.closed_there, s.key) = (true, None);
         s.owed.clear();
@@ -119,12 +119,12 @@ impl World {
                 Effect::Grant { worker, lease } => {
                     let session = self.seats[&worker];
                     self.sessions[session].owed.insert(lease.id);
-                    self.answer(session, Down::Lease(lease), 60);
+                    self.answer(session, FromCoordinator::Lease(lease), 60);
                 }
                 Effect::Revoke { worker, lease } => {
                     let session = self.seats[&worker];
                     assert!(self.sessions[session].owed.contains(&lease), "it was answered before");
-                    self.answer(session, Down::Revoke(lease), 30);
+                    self.answer(session, FromCoordinator::Revoke(lease), 30);
                 }
                 Effect::Accept { worker, region } => self.accepted(worker, region),
                 Effect::CutOff { worker, .. } => self.unseat(worker),
@@ -158,7 +158,7 @@ impl World {
         self.tell(Event::Tick);
     }
 
-    pub(super) fn answer(&mut self, session: usize, said: Down, bytes: usize) {
+    pub(super) fn answer(&mut self, session: usize, said: FromCoordinator, bytes: usize) {
         let s = &mut self.sessions[session];
         if s.closed_there {
             return;
@@ -171,7 +171,7 @@ impl World {
     /// The process ends: all connections with it, and what came last. Another one goes on from what is on the disk.
     pub(super) fn crash(&mut self, time: Duration) {
         for session in 0..self.sessions.len() {
-            self.answer(session, Down::Closed, 20);
+            self.answer(session, FromCoordinator::Closed, 20);
             let s = &mut self.sessions[session];
             (s.closed_there, s.key) = (true, None);
             s.owed.clear();

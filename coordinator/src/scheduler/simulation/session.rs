@@ -1,57 +1,13 @@
 //! A connection of a worker, as both ends see it, and what is said over it.
 
 use std::collections::BTreeSet;
-use std::time::Duration;
 
-use tessera_core::film::Region;
-use tessera_proto::convert::Lease;
+use tessera_proto::LeaseId;
 use tessera_proto::identity::WorkerId;
-use tessera_proto::{Attempt, LeaseId};
 
 use super::super::WorkerKey;
+use crate::simulation::message::{FromCoordinator, FromWorker};
 use crate::simulation::network::{Quality, Way};
-
-/// What a worker says.
-#[derive(Clone, Debug)]
-pub(super) enum Up {
-    Register,
-    Ready,
-    /// A tile, and which region it shows.
-    Done {
-        lease: LeaseId,
-        attempt: Attempt,
-        shows: Region,
-        /// Whether its pixels are not what they should be.
-        lies: bool,
-        busy: Duration,
-        idle: Duration,
-    },
-    Failed {
-        lease: LeaseId,
-        attempt: Attempt,
-    },
-    Returned {
-        lease: LeaseId,
-        attempt: Attempt,
-    },
-    Garbage,
-    Draining,
-    /// Bytes of a longer message.
-    Bytes,
-    Beat,
-    /// The worker's end of the connection is closed.
-    Closed,
-}
-
-/// What a coordinator says.
-#[derive(Clone, Debug)]
-pub(super) enum Down {
-    Welcome,
-    Lease(Lease),
-    Revoke(LeaseId),
-    BeatReply,
-    Closed,
-}
 
 #[derive(Debug)]
 pub(super) struct Session {
@@ -60,10 +16,10 @@ pub(super) struct Session {
     pub(super) id: WorkerId,
     /// As the coordinator knows it, from registration until it is gone.
     pub(super) key: Option<WorkerKey>,
-    pub(super) up: Way<Up>,
-    pub(super) down: Way<Down>,
+    pub(super) up: Way<FromWorker>,
+    pub(super) down: Way<FromCoordinator>,
     /// Beats have a connection of their own.
-    pub(super) beats: Way<Up>,
+    pub(super) beats: Way<FromWorker>,
     /// Whether it is ready, as far as the coordinator knows.
     pub(super) ready: bool,
     /// Leases that the coordinator gave and has no answer to.

@@ -7,9 +7,9 @@ use tessera_proto::identity::WorkerId;
 use tessera_proto::{InstanceId, LeaseId};
 
 use super::super::{Event, WorkerKey};
-use super::session::Down;
 use super::world::World;
 use crate::farm::verify::{Assigned, Closed, Made, Sum, sum_of};
+use crate::simulation::message::FromCoordinator;
 
 /// The sum of a region's pixels, as they are or not.
 fn sum(r: &Region, lies: bool) -> Sum {
@@ -46,7 +46,7 @@ impl World {
                 Some(Assigned::To(worker, lease)) => {
                     let session = self.seats[&worker];
                     self.sessions[session].owed.insert(lease.id);
-                    self.answer(session, Down::Lease(lease), 60);
+                    self.answer(session, FromCoordinator::Lease(lease), 60);
                 }
                 Some(Assigned::Here { check, region, .. }) => {
                     self.unassigned.pop_front();

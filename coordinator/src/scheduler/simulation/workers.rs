@@ -7,10 +7,11 @@ use tessera_proto::{Attempt, InstanceId, LeaseId};
 
 use super::faults::Lie;
 use super::picture::Curse;
-use super::session::{Down, Session, Up};
+use super::session::Session;
 use super::verification::id_of;
 use super::worker::SimWorker;
 use super::world::{BEAT, DEAD, What, World};
+use crate::simulation::message::{FromCoordinator, FromWorker};
 
 impl World {
     pub(super) fn dial(&mut self, worker: usize) {
@@ -30,35 +31,35 @@ impl World {
         w.session = Some(session);
         w.last_reply = self.now;
         w.renderer.last_end = self.now;
-        self.say(worker, Up::Register, 200);
+        self.say(worker, FromWorker::Register, 200);
         self.at(self.now + 2 * DEAD, What::Beat { worker, epoch });
     }
 
-    pub(super) fn say(&mut self, worker: usize, said: Up, bytes: usize) {
+    pub(super) fn say(&mut self, worker: usize, said: FromWorker, bytes: usize) {
         let Some(session) = self.workers[worker].session else { return };
         let s = &mut self.sessions[session];
         let sent = s.up.send(said, bytes, self.now, &mut self.rng);
         self.arrive(session, sent);
     }
 
-    pub(super) fn arrive(&mut self, session: usize, sent: Option<(Up, Duration, Duration)>) {
+    pub(super) fn arrive(&mut self, session: usize, sent: Option<(FromWorker, Duration, Duration)>) {
         let Some((said, mut begins, arrives)) = sent else { return };
         // Bytes of a long message are heard one after another.
         while begins + BEAT < arrives {
             begins += BEAT;
-            self.at(begins, What::ToCoordinator { session, said: Up::Bytes });
+            self.at(begins, What::ToCoordinator { session, said: FromWorker::Bytes });
         }
         self.at(arrives, What::ToCoordinator { session, said });
     }
 
-    pub(super) fn worker_hears(&mut self, session: usize, said: Down) {
+    pub(super) fn worker_hears(&mut self, session: usize, said: FromCoordinator) {
         let worker = self.sessions[session].worker;
         if self.workers[worker].session != Some(session) || self.sessions[session].closed_here {
             return;
         }
         let epoch = self.workers[worker].epoch;
         match said {
-            Down::Welcome => {
+            FromCoordinator::Welcome => {
                 let w = &mut self.workers[worker];
                 w.wait = Duration::from_millis(200);
                 let time = if w.prepared { 0.001 } else { 0.05 + self.rng.f64() };
@@ -66,23 +67,23 @@ impl World {
                 self.workers[worker].last_reply = self.now;
                 self.at(self.now, What::Beat { worker, epoch });
             }
-            Down::Lease(lease) if self.workers[worker].draining => self.give_back(worker, &lease),
-            Down::Lease(lease) => {
+            FromCoordinator::Lease(lease) if self.workers[worker].draining => self.give_back(worker, &lease),
+            FromCoordinator::Lease(lease) => {
                 self.workers[worker].renderer.queue.push_back(lease);
                 self.begin(worker);
             }
-            Down::Revoke(id) => {
+            FromCoordinator::Revoke(id) => {
                 if let Some(lease) = self.workers[worker].renderer.revoke(id) {
                     self.give_back(worker, &lease);
                 }
             }
-            Down::BeatReply => self.workers[worker].last_reply = self.now,
-            Down::Closed => self.lost(worker),
+            FromCoordinator::BeatReply => self.workers[worker].last_reply = self.now,
+            FromCoordinator::Closed => self.lost(worker),
         }
     }
 
     fn give_back(&mut self, worker: usize, lease: &Lease) {
-        self.say(worker, Up::Returned { lease: lease.id, attempt: lease.attempt }, 20);
+        self.say(worker, FromWorker::Returned { lease: lease.id, attempt: lease.attempt }, 20);
     }
 
     pub(super) fn begin(&mut self, worker: usize) {
@@ -98,15 +99,15 @@ impl World {
         let (attempt, shows) = (lease.attempt, lease.region);
         match self.picture.curse(&shows) {
             Some(Curse::Kills) => return self.kill(worker, Some(Duration::from_secs(1))),
-            Some(Curse::Fails) => self.say(worker, Up::Failed { lease: id, attempt }, 40),
+            Some(Curse::Fails) => self.say(worker, FromWorker::Failed { lease: id, attempt }, 40),
             None => {
                 let bytes = shows.area() as usize * self.bytes_per_pixel as usize + 100;
                 let lies = matches!(self.workers[worker].lie, Some(Lie::Pixels)) && self.rng.u32(0..4) == 0;
-                let done = |lease, attempt| Up::Done { lease, attempt, shows, lies, busy, idle };
+                let done = |lease, attempt| FromWorker::Done { lease, attempt, shows, lies, busy, idle };
                 match self.workers[worker].lie {
                     Some(Lie::Forged) => self.say(worker, done(LeaseId(id.0 + 1_000_000), attempt), bytes),
                     Some(Lie::Attempt) => self.say(worker, done(id, Attempt(attempt.0 + 1)), bytes),
-                    Some(Lie::Garbage) => self.say(worker, Up::Garbage, bytes),
+                    Some(Lie::Garbage) => self.say(worker, FromWorker::Garbage, bytes),
                     lie => {
                         self.say(worker, done(id, attempt), bytes);
                         if matches!(lie, Some(Lie::Twice)) {
@@ -144,7 +145,7 @@ impl World {
         }
         let s = &mut self.sessions[session];
         // It has not been welcomed yet: only its patience is at stake.
-        if let Some((said, _, arrives)) = s.beats.send(Up::Beat, 60, self.now, &mut self.rng) {
+        if let Some((said, _, arrives)) = s.beats.send(FromWorker::Beat, 60, self.now, &mut self.rng) {
             self.at(arrives, What::ToCoordinator { session, said });
         }
         self.at(self.now + BEAT, What::Beat { worker, epoch });
@@ -166,7 +167,7 @@ impl World {
     /// Closes its end of the connection, of which the coordinator hears when something passes.
     fn close(&mut self, worker: usize) {
         if let Some(session) = self.workers[worker].session {
-            self.say(worker, Up::Closed, 20);
+            self.say(worker, FromWorker::Closed, 20);
             self.sessions[session].closed_here = true;
         }
         self.workers[worker].end_session();
@@ -196,7 +197,7 @@ impl World {
             return;
         }
         self.workers[worker].draining = true;
-        self.say(worker, Up::Draining, 20);
+        self.say(worker, FromWorker::Draining, 20);
         for lease in std::mem::take(&mut self.workers[worker].renderer.queue) {
             self.give_back(worker, &lease);
         }

@@ -11,10 +11,11 @@ use tessera_proto::{InstanceId, JobNumber, LeaseId};
 use super::super::{Config, End, Event, Scheduler, WorkerKey};
 use super::faults::{self, FAULTY, Fault};
 use super::picture::{Curse, Picture};
-use super::session::{Down, Session, Up};
+use super::session::Session;
 use super::worker::SimWorker;
+use crate::config::{Patience, TileSize};
 use crate::farm::verify::Verify;
-use crate::job::{Patience, TileSize};
+use crate::simulation::message::{FromCoordinator, FromWorker};
 use crate::simulation::network::Quality;
 
 pub(super) const BEAT: Duration = Duration::from_millis(500);
@@ -24,8 +25,8 @@ const TICK: Duration = Duration::from_millis(1);
 /// What happens at a time.
 #[derive(Debug)]
 pub(super) enum What {
-    ToCoordinator { session: usize, said: Up },
-    ToWorker { session: usize, said: Down },
+    ToCoordinator { session: usize, said: FromWorker },
+    ToWorker { session: usize, said: FromCoordinator },
     Dial { worker: usize, epoch: u64 },
     Prepared { worker: usize, epoch: u64 },
     Rendered { worker: usize, epoch: u64, lease: LeaseId },
@@ -216,7 +217,7 @@ impl World {
             What::Prepared { worker, epoch } => {
                 if self.is_now(worker, epoch) && self.thawed(worker, What::Prepared { worker, epoch }) {
                     self.workers[worker].prepared = true;
-                    self.say(worker, Up::Ready, 20);
+                    self.say(worker, FromWorker::Ready, 20);
                 }
             }
             What::Rendered { worker, epoch, lease } => {

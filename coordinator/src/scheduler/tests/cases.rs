@@ -1,7 +1,7 @@
 //! What happens when this or that happens.
 
 use super::*;
-use crate::job::Patience;
+use crate::config::Patience;
 
 #[test]
 fn a_small_picture_is_a_few_tiles() {

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use tessera_proto::convert::Lease;
 
 use super::*;
-use crate::job::TileSize;
+use crate::config::TileSize;
 
 fn config(w: u32, h: u32, tile: TileSize) -> Config {
     Config {

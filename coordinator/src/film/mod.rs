@@ -1,6 +1,8 @@
 //! The pixels of a picture while it is made and until it is written: in memory, or, where they are many, in a file
 //! without a name, of which the system keeps in memory what there is room for.
 
+mod canvas;
+
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
@@ -13,7 +15,10 @@ use tessera_core::film::file::Rows;
 use tessera_proto::convert::pixel_bytes;
 use tessera_proto::{PixelFormat, Pixels};
 
-use crate::job::RenderError;
+use crate::error::RenderError;
+
+pub use canvas::Canvas;
+pub(crate) use canvas::{Excerpt, TileNote, View, look};
 
 /// Bytes of pixels that are kept in memory, at most: a picture of 16,384 x 10,922 in 8 bits.
 const IN_MEMORY: u64 = 512 << 20;

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tessera_core::film::Region;
 use tessera_proto::Pixels;
 
-use super::film::{Film, OnDisk};
+use super::{Film, OnDisk};
 
 /// Tiles of which is remembered who rendered them: whoever has not seen older ones looks at the picture as a whole.
 const REMEMBERED: usize = 16_384;
@@ -30,7 +30,7 @@ pub(crate) struct TileNote {
 
 /// What of a picture is shown: pixels as they are, or as they will be encoded.
 #[derive(Clone, Debug)]
-pub(crate) enum Seen {
+pub(crate) enum Excerpt {
     Codes(Vec<[u8; 3]>),
     Linear(Vec<[f32; 3]>),
 }
@@ -41,9 +41,9 @@ pub struct Canvas(Arc<Mutex<Option<Arc<Mutex<View>>>>>);
 
 /// The picture, and what is known of its tiles.
 #[derive(Debug)]
-pub(super) struct View {
-    pub(super) whole: Region,
-    pub(super) image: Film,
+pub(crate) struct View {
+    pub(crate) whole: Region,
+    pub(crate) image: Film,
     notes: VecDeque<TileNote>,
     /// Tiles that came before the first that is remembered.
     forgotten: u64,
@@ -52,11 +52,11 @@ pub(super) struct View {
 }
 
 impl View {
-    pub(super) fn new(whole: Region, image: Film) -> Self {
+    pub(crate) fn new(whole: Region, image: Film) -> Self {
         Self { whole, image, notes: VecDeque::new(), forgotten: 0, curve: Vec::new() }
     }
 
-    pub(super) fn note(&mut self, note: TileNote) {
+    pub(crate) fn note(&mut self, note: TileNote) {
         if self.notes.len() >= REMEMBERED {
             self.notes.pop_front();
             self.forgotten += 1;
@@ -76,12 +76,12 @@ impl View {
 
 impl Canvas {
     /// The stitcher begins.
-    pub(super) fn open(&self, view: &Arc<Mutex<View>>) {
+    pub(crate) fn open(&self, view: &Arc<Mutex<View>>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(view.clone());
     }
 
     /// The picture is given away.
-    pub(super) fn close(&self) {
+    pub(crate) fn close(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
@@ -110,8 +110,8 @@ impl Canvas {
         self.view().map_or_else(Vec::new, |v| v.lock().unwrap_or_else(PoisonError::into_inner).curve.clone())
     }
 
-    /// What is seen of `region` in `width` x `height` places: the pixel in the middle of each.
-    pub(crate) fn look(&self, region: &Region, width: u32, height: u32) -> Option<Seen> {
+    /// What is seen of `region` in `width` x `height` pixels of its own: the pixel in the middle of each.
+    pub(crate) fn look(&self, region: &Region, width: u32, height: u32) -> Option<Excerpt> {
         let view = self.view()?;
         let view = view.lock().unwrap_or_else(PoisonError::into_inner);
         match &view.image {
@@ -122,7 +122,7 @@ impl Canvas {
 }
 
 /// As [`look`], of a picture that is not in memory: row by row.
-fn look_up(disk: &OnDisk, whole: &Region, region: &Region, (width, height): (u32, u32)) -> Option<Seen> {
+fn look_up(disk: &OnDisk, whole: &Region, region: &Region, (width, height): (u32, u32)) -> Option<Excerpt> {
     if !whole.contains(region) || width == 0 || height == 0 {
         return None;
     }
@@ -133,11 +133,11 @@ fn look_up(disk: &OnDisk, whole: &Region, region: &Region, (width, height): (u32
         let at = u64::from(y - whole.y0) * u64::from(whole.width()) + u64::from(region.x0 - whole.x0);
         let pixels = disk.read(at..at + u64::from(region.width())).ok()?;
         match look(&pixels, &row, &row, (width, 1))? {
-            Seen::Codes(row) => codes.extend(row),
-            Seen::Linear(row) => linear.extend(row),
+            Excerpt::Codes(row) => codes.extend(row),
+            Excerpt::Linear(row) => linear.extend(row),
         }
     }
-    Some(if linear.is_empty() { Seen::Codes(codes) } else { Seen::Linear(linear) })
+    Some(if linear.is_empty() { Excerpt::Codes(codes) } else { Excerpt::Linear(linear) })
 }
 
 /// The pixel in the middle of the `n`th of so many parts of a length.
@@ -146,7 +146,7 @@ fn middle(n: u32, of: u32, from: u32, length: u32) -> u32 {
 }
 
 /// As [`Canvas::look`], of a picture that is there.
-pub(crate) fn look(image: &Pixels, whole: &Region, region: &Region, (width, height): (u32, u32)) -> Option<Seen> {
+pub(crate) fn look(image: &Pixels, whole: &Region, region: &Region, (width, height): (u32, u32)) -> Option<Excerpt> {
     if !whole.contains(region) || width == 0 || height == 0 {
         return None;
     }
@@ -154,14 +154,14 @@ pub(crate) fn look(image: &Pixels, whole: &Region, region: &Region, (width, heig
         (0..width).map(|x| (middle(x, width, region.x0, region.width()) - whole.x0) as usize).collect();
     let rows = (0..height).map(|y| (middle(y, height, region.y0, region.height()) - whole.y0) as usize);
     let stride = whole.width() as usize;
-    let places = rows.flat_map(|row| columns.iter().map(move |column| row * stride + column));
+    let pixels = rows.flat_map(|row| columns.iter().map(move |column| row * stride + column));
     Some(match image {
-        Pixels::Rgb8(p) => Seen::Codes(places.map(|at| p.get(at).copied().unwrap_or_default()).collect()),
+        Pixels::Rgb8(p) => Excerpt::Codes(pixels.map(|at| p.get(at).copied().unwrap_or_default()).collect()),
         Pixels::Rgb16(p) => {
             let high = |c: u16| (c >> 8) as u8;
-            Seen::Codes(places.map(|at| p.get(at).map_or([0; 3], |p| p.map(high))).collect())
+            Excerpt::Codes(pixels.map(|at| p.get(at).map_or([0; 3], |p| p.map(high))).collect())
         }
-        Pixels::F32(p) => Seen::Linear(places.map(|at| p.get(at).copied().unwrap_or_default()).collect()),
+        Pixels::F32(p) => Excerpt::Linear(pixels.map(|at| p.get(at).copied().unwrap_or_default()).collect()),
     })
 }
 
@@ -174,7 +174,7 @@ mod tests {
         let whole = Region { x0: 10, y0: 20, x1: 14, y1: 22 };
         let image = Pixels::Rgb8((0..8).map(|n| [n; 3]).collect());
         let seen = |region: Region, size| match look(&image, &whole, &region, size) {
-            Some(Seen::Codes(codes)) => codes.iter().map(|c| c[0]).collect::<Vec<u8>>(),
+            Some(Excerpt::Codes(codes)) => codes.iter().map(|c| c[0]).collect::<Vec<u8>>(),
             _ => Vec::new(),
         };
         assert_eq!(seen(whole, (4, 2)), [0, 1, 2, 3, 4, 5, 6, 7]);

@@ -22,13 +22,13 @@ impl Standing {
 
 /// See the [module](self).
 #[derive(Debug)]
-pub(super) enum Place {
+pub(super) enum Placement {
     Batch(BatchJobs),
     Hosts(Hosts),
     Cluster(super::cluster::Cluster),
 }
 
-impl Place {
+impl Placement {
     pub(super) fn new(engine: &Engine) -> Result<Self, CallError> {
         Ok(match engine {
             Engine::Batch(batch) => Self::Batch(BatchJobs::new(batch)),

@@ -1,7 +1,6 @@
-//! The gRPC service of a farm's users.
+//! A farm that stays, as its users see it: the gRPC service, and the queue that the farm renders for.
 
 use std::io::Read;
-use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -18,12 +17,15 @@ use tessera_proto::{SceneHash, TraceContext, wire};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
+use tokio_util::sync::CancellationToken;
 use tonic::{Request, Response, Status, Streaming};
 
-use super::gate::{Connection, Gate};
-use super::incoming::Peer;
+use crate::access::Access;
+use crate::config::ListenAddr;
+use crate::error::RenderError;
+use crate::farm::{Farm, UserGate};
 use crate::journal::Partial;
-use crate::queue::{Change, Queue, Refused, is_final, region_of, write_whole};
+use crate::queue::{Change, Orders, Queue, Refused, is_final, region_of, state_name, write_whole};
 
 /// How long the next piece of a scene may take to come.
 const PIECE_WITHIN: Duration = Duration::from_secs(30);
@@ -36,9 +38,9 @@ const PAGE: usize = 256;
 
 /// See the [module](self).
 #[derive(Clone)]
-pub(super) struct Control {
+struct Control {
     queue: Queue,
-    gate: Arc<Gate>,
+    gate: UserGate,
 }
 
 impl From<Refused> for Status {
@@ -54,49 +56,34 @@ impl From<Refused> for Status {
     }
 }
 
-/// While it lives, the connection is not taken for one that is of no use.
-struct InUse(tokio::task::JoinHandle<()>);
+impl Farm {
+    /// As [`Farm::bind_guarded`], and also answers the users of `queue`, for [`Farm::serve`].
+    ///
+    /// # Errors
+    /// [`RenderError::Listen`] when the address is taken or not of this machine.
+    pub async fn bind_serving(listen: ListenAddr, access: &Access, queue: &Queue) -> Result<Self, RenderError> {
+        let queue = queue.clone();
+        Self::bind_for(listen, access, |gate, services| services.add_service(Control { queue, gate }.into_server()))
+            .await
+    }
 
-impl Drop for InUse {
-    fn drop(&mut self) {
-        self.0.abort();
+    /// Renders what the queue orders until `cancel`; then every job ends as it is, and the workers are dismissed.
+    pub async fn serve(self, queue: &Queue, orders: Orders, cancel: CancellationToken) {
+        self.obey(orders.0, |views| queue.attach(views), (queue.closing(), cancel)).await;
     }
 }
 
 impl Control {
-    pub(super) fn new(queue: Queue, gate: Arc<Gate>) -> Self {
-        Self { queue, gate }
-    }
-
-    pub(super) fn into_server(self) -> ControlServer<Self> {
+    fn into_server(self) -> ControlServer<Self> {
         ControlServer::new(self)
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
 
-    /// A connection makes a call: it is one of a user.
-    fn called<T>(&self, request: &Request<T>) -> Result<Arc<Connection>, Status> {
-        let peer = request.extensions().get::<Peer>();
-        let connection = peer.ok_or_else(|| Status::internal("a call without a connection"))?.connection.clone();
-        connection.beaten();
-        self.gate.settle(&connection);
-        Ok(connection)
-    }
-
     async fn change(&self, request: Request<JobName>, change: Change) -> Result<Response<Job>, Status> {
-        self.called(&request)?;
+        self.gate.called(&request)?;
         Ok(Response::new(self.queue.change(request.get_ref().id, change).await?))
     }
-}
-
-/// Keeps `connection` in use.
-fn in_use(connection: Arc<Connection>) -> InUse {
-    InUse(tokio::spawn(async move {
-        loop {
-            connection.beaten();
-            tokio::time::sleep(Duration::from_secs(2)).await;
-        }
-    }))
 }
 
 type Answers<T> = ReceiverStream<Result<T, Status>>;
@@ -109,13 +96,13 @@ impl control_server::Control for Control {
     type ListWorkersStream = Answers<Worker>;
 
     async fn has_scene(&self, request: Request<Scene>) -> Result<Response<HasSceneReply>, Status> {
-        self.called(&request)?;
+        self.gate.called(&request)?;
         let (hash, _) = named(request.get_ref())?;
         Ok(Response::new(HasSceneReply { has: self.queue.scene_path(hash).exists() }))
     }
 
     async fn put_scene(&self, request: Request<Streaming<ScenePart>>) -> Result<Response<Scene>, Status> {
-        let _in_use = in_use(self.called(&request)?);
+        let _in_use = self.gate.called(&request)?.in_use();
         let mut parts = request.into_inner();
         let next = |part: Result<Result<Option<ScenePart>, Status>, _>| -> Result<Option<ScenePart>, Status> {
             part.map_err(|_| Status::deadline_exceeded("the scene does not come"))?
@@ -161,14 +148,14 @@ impl control_server::Control for Control {
     }
 
     async fn submit(&self, request: Request<Spec>) -> Result<Response<Job>, Status> {
-        self.called(&request)?;
+        self.gate.called(&request)?;
         let submitted = TraceContext::of(request.metadata());
         let traceparent = submitted.map_or_else(String::new, |context| context.to_string());
         Ok(Response::new(self.queue.submit(Spec { traceparent, ..request.into_inner() }).await?))
     }
 
     async fn list_jobs(&self, request: Request<ListJobsRequest>) -> Result<Response<Self::ListJobsStream>, Status> {
-        let in_use = in_use(self.called(&request)?);
+        let in_use = self.gate.called(&request)?.in_use();
         let (out, jobs) = mpsc::channel(16);
         let queue = self.queue.clone();
         tokio::spawn(async move {
@@ -189,12 +176,12 @@ impl control_server::Control for Control {
     }
 
     async fn get_job(&self, request: Request<JobName>) -> Result<Response<Job>, Status> {
-        self.called(&request)?;
+        self.gate.called(&request)?;
         Ok(Response::new(self.queue.job(request.get_ref().id)?))
     }
 
     async fn watch_job(&self, request: Request<JobName>) -> Result<Response<Self::WatchJobStream>, Status> {
-        let in_use = in_use(self.called(&request)?);
+        let in_use = self.gate.called(&request)?.in_use();
         let id = request.get_ref().id;
         let first = self.queue.job(id)?;
         let (out, jobs) = mpsc::channel(2);
@@ -243,11 +230,11 @@ impl control_server::Control for Control {
         &self,
         request: Request<FetchRequest>,
     ) -> Result<Response<Self::FetchPictureStream>, Status> {
-        let in_use = in_use(self.called(&request)?);
+        let in_use = self.gate.called(&request)?.in_use();
         let FetchRequest { id, partial } = *request.get_ref();
         let job = self.queue.job(id)?;
         if job.state() != State::Done && !partial {
-            let state = crate::queue::state_name(job.state());
+            let state = state_name(job.state());
             return Err(Status::failed_precondition(format!("job {id} is {state}: its picture is not whole")));
         }
         let queue = self.queue.clone();
@@ -265,7 +252,7 @@ impl control_server::Control for Control {
         &self,
         request: Request<ListWorkersRequest>,
     ) -> Result<Response<Self::ListWorkersStream>, Status> {
-        let in_use = in_use(self.called(&request)?);
+        let in_use = self.gate.called(&request)?.in_use();
         let (out, workers) = mpsc::channel(16);
         let queue = self.queue.clone();
         tokio::spawn(async move {
@@ -280,7 +267,7 @@ impl control_server::Control for Control {
     }
 
     async fn drain_worker(&self, request: Request<WorkerName>) -> Result<Response<WorkerName>, Status> {
-        self.called(&request)?;
+        self.gate.called(&request)?;
         let name = request.into_inner();
         if self.queue.drain(&name.name).await {
             Ok(Response::new(name))

@@ -6,17 +6,17 @@ use std::time::Duration;
 use clap::Args;
 use tessera_core::settings::Settings;
 
+use super::{ProgressArg, TransferArg, duration, size, target};
 use crate::cli::access::PictureFlags;
-use crate::cli::args::{ProgressArg, TransferArg, duration, size, target};
 
-pub(in crate::cli) const EXAMPLES: &str = "Examples:\n  \
+pub(super) const EXAMPLES: &str = "Examples:\n  \
     coordinator measure scene.xml                     what 0.5 costs, in at most 10 minutes\n  \
     coordinator measure scene.xml --target 1/510 --size 1920x1080 --budget 1h\n  \
     coordinator measure scene.xml --reference exact.pfm\n  \
     coordinator measure scene.xml --peers             POV-Ray's anti-aliasing beside ours\n\n\
     '--help' says more about every flag.";
 
-pub(in crate::cli) const MORE: &str = "Examples:\n  \
+pub(super) const MORE: &str = "Examples:\n  \
     coordinator measure scene.xml\n      \
         what an RMSE of 0.5 8-bit steps costs: a table, and scene-curve.csv, .json, .svg and .png\n  \
     coordinator measure scene.xml --target 1/510 --size 1920x1080 --budget 1h\n      \
@@ -38,65 +38,65 @@ pub(in crate::cli) const MORE: &str = "Examples:\n  \
 
 /// Flags of `measure`.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Flags {
+pub(crate) struct Measure {
     /// Scene to measure
-    pub(super) scene: PathBuf,
+    pub(crate) scene: PathBuf,
 
     /// Files to write: PREFIX.csv, .json, .svg and .png [default: the scene's name with -curve, in the current folder]
     #[arg(short, long, value_name = "PREFIX", help_heading = "Results")]
-    pub(super) output: Option<PathBuf>,
+    pub(crate) output: Option<PathBuf>,
     /// Error to recommend a setting for: RMSE in 8-bit steps (0.5), or as a fraction of full scale (1/510)
     #[arg(long, value_name = "E", default_value = "0.5", value_parser = target, allow_hyphen_values = true, help_heading = "Results")]
-    pub(super) target: f64,
+    pub(crate) target: f64,
     /// How to show progress on stderr; 'auto' is a bar on a terminal, a line every 10 s elsewhere
     #[arg(long, value_name = "KIND", default_value = "auto", help_heading = "Results")]
-    pub(super) progress: ProgressArg,
+    pub(crate) progress: ProgressArg,
 
     /// Time for all of it: 90s, 5m, 1h; what does not fit is left out, and 'none' leaves out nothing
     #[arg(long, value_name = "D", default_value = "10m", value_parser = budget, allow_hyphen_values = true, help_heading = "Measurement")]
-    pub(super) budget: Budget,
+    pub(crate) budget: Budget,
     /// Render every setting K times and take the median time [default: 5 times below 0.3 s, 3 below 1.5 s, else once]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=1000), allow_hyphen_values = true, help_heading = "Measurement")]
-    pub(super) repeat: Option<u32>,
+    pub(crate) repeat: Option<u32>,
     /// Picture to measure against, of the same size: .pfm, .exr, .png or .ppm [default: one is rendered]
     #[arg(long, value_name = "FILE", conflicts_with = "reference_samples", help_heading = "Measurement")]
-    pub(super) reference: Option<PathBuf>,
+    pub(crate) reference: Option<PathBuf>,
     /// Samples a pixel of the rendered reference, at least [default: from 290 on, until it is five times as good as the target]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=7202), allow_hyphen_values = true, help_heading = "Measurement")]
-    pub(super) reference_samples: Option<u32>,
+    pub(crate) reference_samples: Option<u32>,
     /// Also measure POV-Ray, where it is installed, at several settings of its anti-aliasing
     #[arg(long, help_heading = "Measurement")]
-    pub(super) peers: bool,
+    pub(crate) peers: bool,
 
     #[command(flatten)]
-    pub(super) pictures: PictureFlags,
+    pub(crate) pictures: PictureFlags,
     /// Pixels across and down
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size, allow_hyphen_values = true, help_heading = "Picture")]
-    pub(super) size: (u32, u32),
+    pub(crate) size: (u32, u32),
     /// What colour numbers of the scene and its pictures mean
     #[arg(long, value_name = "KIND", default_value = "srgb", help_heading = "Picture")]
-    pub(super) transfer: TransferArg,
+    pub(crate) transfer: TransferArg,
     /// Distance of the image plane from the camera
     #[arg(long, value_name = "Z", default_value = "1", allow_hyphen_values = true, help_heading = "Picture")]
-    pub(super) zoom: f64,
+    pub(crate) zoom: f64,
     /// Height of the image plane; its width follows, since pixels are square
     #[arg(long, value_name = "H", default_value = "1", allow_hyphen_values = true, help_heading = "Picture")]
-    pub(super) plane_height: f64,
+    pub(crate) plane_height: f64,
     /// Rays in a path at most, the camera's included; shorter paths are measured too where there are mirrors
     #[arg(long, value_name = "D", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_DEPTH)), allow_hyphen_values = true, help_heading = "Picture")]
-    pub(super) max_depth: u32,
+    pub(crate) max_depth: u32,
 
     /// Workers started inside this process [default: 2]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256), allow_hyphen_values = true, help_heading = "Farm")]
-    pub(super) workers: Option<u16>,
+    pub(crate) workers: Option<u16>,
     /// Threads of all workers together [default: one a core]
     #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024), allow_hyphen_values = true, help_heading = "Farm")]
-    pub(super) threads: Option<u16>,
+    pub(crate) threads: Option<u16>,
 }
 
 /// How long all of it may take; `None` is as long as it takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Budget(pub(super) Option<Duration>);
+pub(crate) struct Budget(pub(crate) Option<Duration>);
 
 fn budget(text: &str) -> Result<Budget, String> {
     if text == "none" {

@@ -2,40 +2,21 @@
 
 use std::time::Duration;
 
-use tessera_proto::convert::Lease;
-use tessera_proto::{Attempt, InstanceId, LeaseId};
+use tessera_proto::InstanceId;
 
+use super::message::{FromCoordinator, FromWorker};
 use super::network::{Quality, Way};
 use super::renderer::Renderer;
 use crate::scheduler::WorkerKey;
 
-/// What a worker says.
-#[derive(Clone, Debug)]
-pub(super) enum Up {
-    Register,
-    Ready,
-    Done { lease: LeaseId, attempt: Attempt, busy: Duration, idle: Duration },
-    Returned { lease: LeaseId, attempt: Attempt },
-    Closed,
-}
-
-/// What the coordinator says.
-#[derive(Clone, Debug)]
-pub(super) enum Down {
-    Welcome,
-    Lease(Lease),
-    Revoke(LeaseId),
-    Closed,
-}
-
 /// See the [module](self).
 #[derive(Debug)]
-pub(super) struct Seat {
+pub(super) struct SimWorker {
     pub(super) instance: InstanceId,
     pub(super) renderer: Renderer,
     pub(super) quality: Quality,
-    pub(super) up: Way<(u32, Up)>,
-    pub(super) down: Way<(u32, Down)>,
+    pub(super) up: Way<(u32, FromWorker)>,
+    pub(super) down: Way<(u32, FromCoordinator)>,
     /// Counts its sessions: what belongs to an earlier one is void.
     pub(super) epoch: u32,
     /// As the coordinator knows it, and for which session.
@@ -69,7 +50,7 @@ pub(super) struct Times {
     pub(super) waiting: Duration,
 }
 
-impl Seat {
+impl SimWorker {
     pub(super) fn new(instance: InstanceId, renderer: Renderer, quality: Quality) -> Self {
         Self {
             instance,
