@@ -77,7 +77,7 @@ async fn run(args: &Args) -> Result<(), String> {
     while tokio::net::TcpStream::connect(free).await.is_err() {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
-    let began = Instant::now();
+    let (began, alone) = (Instant::now(), resident(farm.id()));
     let done = Arc::new(Done::default());
     let mut workers = Vec::new();
     let places = Arc::new(tokio::sync::Semaphore::new(AT_ONCE));
@@ -92,6 +92,9 @@ async fn run(args: &Args) -> Result<(), String> {
     }
     let connected = began.elapsed();
     let (cpu_before, tiles_before, at_before) = (cpu(farm.id()), done.tiles.load(Ordering::Relaxed), Instant::now());
+    // A tile that is in the picture has its memory there.
+    let painted = 3 * EDGE * EDGE * tiles_before;
+    let memory = resident(farm.id()).saturating_sub(alone + painted);
     for worker in workers {
         worker.await.map_err(|e| e.to_string())?;
     }
@@ -102,6 +105,7 @@ async fn run(args: &Args) -> Result<(), String> {
     let status = farm.wait().map_err(|e| e.to_string())?;
     let seconds = wall.as_secs_f64();
     println!("{} workers were there after {:.1} s", args.workers, connected.as_secs_f64());
+    println!("the coordinator holds {:.0} KiB for each", memory as f64 / 1024.0 / args.workers as f64);
     println!("{rendered} tiles in {seconds:.2} s, {:.0} a second", rendered as f64 / seconds);
     if args.tile_ms > 0 {
         let busy = rendered as f64 * args.tile_ms as f64 / 1e3 / (args.workers as f64 * seconds);
@@ -170,6 +174,13 @@ fn answer(lease: &Lease, time: Duration) -> Say {
         idle_us: 0,
         error: None,
     })
+}
+
+/// Bytes of memory that a process has.
+fn resident(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:")).unwrap_or_default();
+    1024 * line.split_whitespace().next().and_then(|n| n.parse::<u64>().ok()).unwrap_or(0)
 }
 
 /// Seconds of processor time that a process has taken.
