@@ -1,7 +1,7 @@
 //! The shared heart of the farm: text to scene, scene to pixels.
 //!
 //! Data walks one way through the rooms: [`xml`] (text, checked and positioned)
-//! → [`scene`] (resolved and immutable) → `geometry` and `bvh` (what rays meet)
+//! → [`scene`] (resolved and immutable) → `shapes` and `bvh` (what rays meet)
 //! → [`trace`] (radiance along a ray) → [`sampling`] (which rays) → `render`
 //! (tiles) → [`film`] (pictures, files). `xml` and `trace` do not know each other.
 //!
@@ -11,12 +11,12 @@
 mod beam;
 mod bvh;
 pub mod film;
-mod geometry;
-pub mod precise;
+pub mod numeric;
 mod render;
 pub mod sampling;
 pub mod scene;
 pub mod settings;
+mod shapes;
 pub mod simd;
 pub mod text;
 pub mod trace;

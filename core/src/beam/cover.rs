@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
-use crate::geometry::plane::LocalPlane;
-use crate::geometry::sphere::LocalSphere;
+use crate::shapes::plane::LocalPlane;
+use crate::shapes::sphere::LocalSphere;
 
 /// Something that passes some pixels of a tile.
 #[derive(Clone, Copy, Debug)]

@@ -11,10 +11,9 @@ use super::gather::{Pyramid, Shaft, gather};
 use super::lens::{EDGE, HALF, Lens, Tile};
 use crate::sampling::points::{Sequence, centre, mix};
 use crate::sampling::proof::{object, prove};
-use crate::scene::ObjectId;
-use crate::scene::local::{Kind, kind};
 use crate::scene::{Pigment, PlanePosition, SceneBuilder, Surface};
 use crate::settings::{Sampling, Settings, Transfer, View};
+use crate::shapes::{Kind, ObjectId, kind};
 use crate::trace::{PlanePoint, PreparedScene, RayCounts, Sample, Tracer, WaveScratch};
 
 const SIZE: (u32, u32) = (64, 48);

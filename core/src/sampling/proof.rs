@@ -9,9 +9,8 @@ use glam::DVec3;
 use crate::beam::cover::{self, Cover, Depth, Outline};
 use crate::beam::gather::{Pyramid, gather};
 use crate::beam::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
-use crate::scene::ObjectId;
 use crate::scene::Pigment;
-use crate::scene::local::{Kind, kind};
+use crate::shapes::{Kind, ObjectId, kind};
 use crate::simd::{Kernel, Simd};
 use crate::trace::{PlanePoint, Tracer};
 

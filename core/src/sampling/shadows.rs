@@ -5,8 +5,7 @@ use glam::DVec3;
 use crate::beam::cover::{Depth, Shape};
 use crate::beam::gather::{Shaft, gather};
 use crate::beam::lens::{MARGIN, Pixels, Tile, pixels_above, row};
-use crate::scene::ObjectId;
-use crate::scene::local::{Kind, kind};
+use crate::shapes::{Kind, ObjectId, kind};
 
 use super::coverage::Shapes;
 use super::proof::{Doubt, MIDDLE, View, object, open, supporting_plane};

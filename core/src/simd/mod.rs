@@ -20,7 +20,7 @@ use std::sync::OnceLock;
 pub(crate) use pages::roomy;
 pub(crate) use rows::{MOST, Rows};
 
-use crate::geometry::Real;
+use crate::numeric::Real;
 
 /// Lanes of an f32 vector: the rays of a packet.
 pub(crate) const LANES: usize = 16;

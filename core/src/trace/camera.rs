@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::exact::{ExactRay, LAST};
-use crate::geometry::{DoubleDouble, Ray, Real, U, V3};
-use crate::precise::{Big, Vector};
+use crate::numeric::{Big, DoubleDouble, Real, U, V3, Vector};
 use crate::scene::Camera;
 use crate::settings::View;
+use crate::shapes::Ray;
 
 /// Plane units along a pixel's edge. Points lie at odd numbers of units, so that their mean is the centre.
 pub(crate) const UNIT: i32 = 1 << 15;

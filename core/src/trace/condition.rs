@@ -42,7 +42,7 @@ impl PreparedScene {
     #[must_use]
     pub fn condition(&self) -> Condition {
         let scene = self.scene();
-        let world = |x: f64| crate::scene::local::ldexp(x, self.local.power);
+        let world = |x: f64| crate::shapes::local::ldexp(x, self.local.power);
         let triangle = |t: &crate::scene::Triangle| {
             let v = self.local.triangle(t).v;
             let edges = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];

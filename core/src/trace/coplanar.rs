@@ -14,14 +14,11 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use glam::DVec3;
 
-use super::exact::Decision;
 use super::prepared::PreparedScene;
 use super::proof::{direction, lengths, to_integers};
-use crate::geometry::V3;
-use crate::precise::{Ball, Balls, Unsure, zero_area};
-use crate::scene::local::{Kind, kind};
-use crate::scene::{Local, ObjectId};
+use crate::numeric::{Ball, Balls, Unsure, V3, zero_area};
 use crate::scene::{PlanePosition, Scene};
+use crate::shapes::{Decision, Kind, Local, ObjectId, kind};
 use residue::Residue;
 
 /// The plane holds the eye.

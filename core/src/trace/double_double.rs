@@ -5,12 +5,11 @@
 //! `trace::shade` then give the same place in double-double, at a fraction of what the refiner
 //! takes; what they cannot bound tightly enough goes there.
 
-use super::exact::Decision;
 use super::refine::{Case, Refined};
 use super::shade::{self, SurfaceInteraction};
-use crate::geometry::{DoubleDouble, Ray, Real, Span, U, plane, sphere, triangle};
-use crate::scene::ObjectId;
-use crate::scene::local::DoubleObject;
+use crate::numeric::{DoubleDouble, Real, U};
+use crate::shapes::local::DoubleObject;
+use crate::shapes::{Decision, ObjectId, Ray, Span, plane, sphere, triangle};
 
 /// Longer paths are left to the refiner, which remembers how far it has followed them.
 const SHORT: usize = 8;

@@ -25,16 +25,13 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use crate::geometry::U;
-pub(crate) use crate::precise::Unsure;
-use crate::precise::{Big, Bound, Vector};
+pub(crate) use crate::numeric::Unsure;
+use crate::numeric::{Big, Bound, U, Vector};
 use crate::scene::Scene;
-use crate::scene::local::{Kind, kind, surface_and_order};
-use crate::scene::{Local, ObjectId};
+use crate::shapes::{Decision, Kind, Local, ObjectId, kind, surface_and_order};
 use lines::{Chord, Crossing, ExactPlane, cross_triangle, times, triangle};
 pub(crate) use lines::{ExactPlanes, largest, size};
 
-use super::packet::{INSIDE, NONE};
 use super::prepared::PreparedScene;
 
 /// Limbs of the numbers asked first, and of those asked last.
@@ -52,26 +49,6 @@ const VALUE: i64 = 60;
 /// A sum of a few products of numbers of N limbs is rounded by far less than this share of its terms.
 fn rounding<const N: usize>() -> Bound {
     Bound::power(20 - 64 * N as i64)
-}
-
-/// What a ray meets: which object, and for a sphere from which side.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Decision {
-    pub(crate) id: ObjectId,
-    /// Whether the inner side of a sphere is struck; false for other objects.
-    pub(crate) inside: bool,
-}
-
-impl Decision {
-    /// The decision that a packet's code stands for.
-    pub(crate) fn of(code: u32) -> Option<Self> {
-        (code != NONE).then_some(Self { id: ObjectId(code & !INSIDE), inside: code & INSIDE != 0 })
-    }
-
-    /// The code of packets for it.
-    pub(crate) fn code(self) -> u32 {
-        self.id.0 | if self.inside { INSIDE } else { 0 }
-    }
 }
 
 /// How wrong a ray may be; see the module's bounds.

@@ -6,10 +6,11 @@
 use super::giants::Giants;
 use super::packet::{Leaves, U32};
 use crate::bvh::{Boxes, Coordinate};
-use crate::geometry::giant::{GiantSphere, GiantTriangle};
-use crate::geometry::{U, V3};
-use crate::scene::Local;
+use crate::numeric::{U, V3};
 use crate::scene::Scene;
+use crate::shapes::Local;
+use crate::shapes::sphere::giant::GiantSphere;
+use crate::shapes::triangle::giant::GiantTriangle;
 
 /// Numbers of a triangle, as linear functions of a point P: the unit normal n and n · c0; u and u0,
 /// v and v0, where u · P + u0 is the weight of c1 and v · P + v0 that of c2; |u| + |v|, how fast the
@@ -35,7 +36,7 @@ pub(crate) struct FlatPlane {
     pub(crate) through_eye: bool,
 }
 
-/// A sphere around the eye, see [`crate::geometry::giant`].
+/// A sphere around the eye, see [`crate::shapes::sphere::giant`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FlatSphere {
     pub(crate) id: u32,
@@ -156,11 +157,8 @@ impl Filter {
             let [x, y, z] = single(s.c);
             [x, y, z, s.r as f32, reach, f32::from_tag(id)]
         };
-        let plane = |p: &crate::geometry::plane::LocalPlane| FlatPlane {
-            n: single(p.n),
-            h: p.h as f32,
-            through_eye: p.h == 0.0,
-        };
+        let plane =
+            |p: &crate::shapes::plane::LocalPlane| FlatPlane { n: single(p.n), h: p.h as f32, through_eye: p.h == 0.0 };
         let planes: Vec<_> = local.planes.iter().map(plane).collect();
         // Planes and lights beyond what f32 can square need f64 throughout.
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);

@@ -1,16 +1,15 @@
-//! Which objects of a scene are far larger than what is seen of them: see `geometry::giant`.
+//! Which objects of a scene are far larger than what is seen of them: see `shapes::sphere::giant`.
 
 use std::sync::{Mutex, PoisonError};
 
 use glam::DVec3;
 
-use crate::geometry::giant::{GiantSphere, GiantTriangle};
-use crate::geometry::plane::LocalPlane;
-use crate::geometry::{Aabb, V3};
-use crate::precise::{Big, Vector};
+use crate::numeric::{Big, V3, Vector};
 use crate::scene::Scene;
-use crate::scene::local::{Kind, kind};
-use crate::scene::{Local, ObjectId};
+use crate::shapes::plane::LocalPlane;
+use crate::shapes::sphere::giant::GiantSphere;
+use crate::shapes::triangle::giant::GiantTriangle;
+use crate::shapes::{Aabb, Kind, Local, ObjectId, kind};
 
 /// A giant is so many times farther across than it is from the eye.
 const RATIO: f64 = 512.0;

@@ -30,10 +30,9 @@ pub use coplanar::SharedPlanes;
 pub use prepared::{PreparedScene, RayHit};
 
 use crate::film::transfer::to_linear;
-use crate::scene::ObjectId;
-use crate::scene::local::kind;
 use crate::scene::{Pigment, TextureId};
 use crate::settings::{Sampling, Settings};
+use crate::shapes::{ObjectId, kind};
 use crate::simd::{Level, dispatch};
 use camera::Frame;
 use texture::{Mapping, Texels};

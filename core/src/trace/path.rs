@@ -3,15 +3,13 @@
 use glam::DVec3;
 
 use super::camera::PlanePoint;
-use super::exact::Decision;
 use super::refine::{Case, Refined, Refiner};
 use super::scalar::{Closest, Occluded, Scratch};
 use super::shade::{self, SurfaceInteraction};
-use super::texture;
-use super::{RayCounts, Refinement, Sample, Tracer};
-use crate::geometry::{Ray, U, V3};
+use super::{RayCounts, Refinement, Sample, Tracer, texture};
+use crate::numeric::{U, V3};
 use crate::scene::Pigment;
-use crate::scene::local::{Kind, kind};
+use crate::shapes::{Decision, Kind, Ray, kind};
 
 /// Memory of a thread that traces paths.
 #[derive(Debug, Default)]

@@ -13,11 +13,9 @@ use super::giants::{Candidates, Giants};
 use super::proof;
 use super::scalar::{Closest, Occluded, Scratch};
 use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
-use crate::geometry::{Aabb, Ray, TINY, U, V3};
-use crate::precise::{Vector, zero_area};
+use crate::numeric::{TINY, U, V3, Vector, zero_area};
 use crate::scene::Scene;
-use crate::scene::local::{Kind, kind, surface_and_order};
-use crate::scene::{Local, ObjectId};
+use crate::shapes::{Aabb, Kind, Local, ObjectId, Ray, kind, surface_and_order};
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.

@@ -12,12 +12,11 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use super::exact::{Decision, ExactHit};
+use super::exact::ExactHit;
 use super::refine::Case;
-use crate::precise::{Ball, Balls, Bound, Roots, Unsure, Vector};
-use crate::scene::ObjectId;
-use crate::scene::local::{Kind, kind, surface_and_order};
+use crate::numeric::{Ball, Balls, Bound, Roots, Unsure, Vector};
 use crate::scene::{PlanePosition, Scene};
+use crate::shapes::{Decision, Kind, ObjectId, kind, surface_and_order};
 
 /// The exponent of the lowest bit that is set; `None` for zero.
 fn lowest_bit(x: f64) -> Option<i64> {

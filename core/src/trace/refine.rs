@@ -4,13 +4,12 @@ use glam::{DVec2, DVec3};
 
 use super::camera::PlanePoint;
 use super::double_double::DoubleDoublePath;
-use super::exact::{self, Decision, ExactHit, ExactRay, FIRST, LAST, Unsure};
+use super::exact::{self, ExactHit, ExactRay, FIRST, LAST, Unsure};
 use super::proof::{Point, Proof};
 use super::shade::SurfaceInteraction;
 use super::{Tracer, texture};
-use crate::geometry::{U, V3};
-use crate::precise::Vector;
-use crate::scene::ObjectId;
+use crate::numeric::{U, V3, Vector};
+use crate::shapes::{Decision, ObjectId};
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {

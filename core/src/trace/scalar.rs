@@ -2,13 +2,11 @@
 //! which exact arithmetic must choose.
 
 use super::coplanar::FlatPlane;
-use super::exact::Decision;
 use super::prepared::PreparedScene;
 use crate::bvh::{Boxes, Bvh, Coordinate, Link, WIDTH};
-use crate::geometry::{Ray, Scalar, Span, TINY, U, giant, plane, sphere, triangle};
-use crate::scene::ObjectId;
+use crate::numeric::{Scalar, TINY, U};
 use crate::scene::SurfaceId;
-use crate::scene::local::surface_and_order;
+use crate::shapes::{Decision, ObjectId, Ray, Span, plane, sphere, surface_and_order, triangle};
 
 /// What is met first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,9 +112,9 @@ impl PreparedScene {
             let giant = self.giants.sphere(id.0);
             return match (own, giant) {
                 (Some(f), _) if !f.inside => None,
-                (Some(_), Some(giant)) => giant::test_sphere_from_inside(ray, giant),
+                (Some(_), Some(giant)) => sphere::giant::test_from_inside(ray, giant),
                 (Some(_), None) => sphere::test_from_inside(ray, s),
-                (None, Some(giant)) => giant::test_sphere(ray, giant)
+                (None, Some(giant)) => sphere::giant::test(ray, giant)
                     .and_then(|span| if span.sure { Some(span) } else { sphere::test(ray, s) }),
                 (None, None) => sphere::test(ray, s),
             };
@@ -125,7 +123,7 @@ impl PreparedScene {
             return None;
         }
         if let Some(giant) = self.giants.triangle(id.0)
-            && let Ok(span) = giant::test_triangle(ray, giant)
+            && let Ok(span) = triangle::giant::test(ray, giant)
         {
             return span;
         }

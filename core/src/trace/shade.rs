@@ -1,12 +1,13 @@
 //! Where a ray meets what it is known to meet, and how light falls there: in f64, the same
 //! operations for one lane or many, each value with a bound on its error.
 
-use crate::geometry::giant::GiantSphere;
-use crate::geometry::plane::LocalPlane;
-use crate::geometry::sphere::LocalSphere;
-use crate::geometry::triangle::LocalTriangle;
-use crate::geometry::{LEAST_SQUARE, Ray, Real, U, V3, giant, plane, sphere, triangle};
-use crate::scene::local::FAR;
+use crate::numeric::{Real, U, V3};
+use crate::shapes::local::FAR;
+use crate::shapes::plane::LocalPlane;
+use crate::shapes::sphere::LocalSphere;
+use crate::shapes::sphere::giant::GiantSphere;
+use crate::shapes::triangle::LocalTriangle;
+use crate::shapes::{LEAST_SQUARE, Ray, plane, sphere, triangle};
 
 /// Bounds above this, as a share of one light's full effect on the pixel, ask for wide arithmetic:
 /// a thirtieth of an 8-bit step, and errors are several times below their bounds.
@@ -97,9 +98,9 @@ pub(crate) fn on_sphere<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, own
 /// The same on a sphere described around the eye.
 #[inline(always)]
 pub(crate) fn on_giant_sphere<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
-    let (t, et) = giant::distance(ray, s, inner, own);
+    let (t, et) = sphere::giant::distance(ray, s, inner, own);
     let (p, ep) = point(ray, t, et);
-    let (n, en) = giant::normal(s, p, ep);
+    let (n, en) = sphere::giant::normal(s, p, ep);
     SurfaceInteraction { p, ep, n: V3::if_positive(inner, -n, n), en }
 }
 

@@ -2,13 +2,11 @@
 
 use glam::{DVec2, DVec3};
 
-use super::exact::{Decision, ExactHit, LAST, largest, size};
+use super::exact::{ExactHit, LAST, largest, size};
 use super::shade::SurfaceInteraction;
-use crate::geometry::{Ray, U, triangle};
-use crate::precise::{Big, Bound, Unsure, Vector};
-use crate::scene::local::{Kind, kind};
-use crate::scene::{Local, ObjectId};
+use crate::numeric::{Big, Bound, U, Unsure, Vector};
 use crate::scene::{Pigment, PlanePosition, Scene, Texture};
+use crate::shapes::{Decision, Kind, Local, ObjectId, Ray, kind, triangle};
 
 /// The largest misplacement of a picture, in texels, that f64 is trusted with.
 pub(crate) const TEXEL: f64 = 1e-4;
@@ -132,7 +130,7 @@ pub(crate) fn coordinates(
         Kind::Plane(_) => {
             let map = find(mappings, decision.id);
             let at = interaction.p.to_dvec3() - map.local_origin;
-            let world = |x: f64| crate::scene::local::ldexp(x, local.power);
+            let world = |x: f64| crate::shapes::local::ldexp(x, local.power);
             let e = world(interaction.ep + 8.0 * U * (interaction.p.norm1() + map.local_origin.abs().element_sum()));
             (DVec2::new(fraction(world(at.dot(map.axes[0]))), fraction(world(at.dot(map.axes[1])))), e)
         }

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use super::{Distance, ExactRay, FIRST, LAST, Slack, Unsure, sign};
-use crate::precise::{Big, Bound, Vector};
+use crate::numeric::{Big, Bound, Vector};
 use crate::scene::{Plane, PlanePosition, Scene};
 use crate::trace::prepared::PreparedScene;
 

@@ -1,4 +1,4 @@
-//! Objects described around the eye before sixteen rays: see `geometry::giant` for what is computed.
+//! Objects described around the eye before sixteen rays: see `shapes::sphere::giant` for what is computed.
 //!
 //! **Bound.** As there, with u = 2⁻²⁴ and one rounding more of every number; `near` is at least eo + 12u·|o|.
 

@@ -23,6 +23,7 @@ mod walk;
 
 use super::filter::Filter;
 use crate::bvh::{Bvh, Child};
+use crate::shapes::{INSIDE, NONE};
 use crate::simd::{F32x16, Floats, LANES, Mask, Simd};
 use intersect::Intersection;
 pub(crate) use leaf::Leaves;
@@ -31,11 +32,6 @@ use walk::{Stacks, walk};
 
 /// The unit roundoff of f32.
 pub(crate) const U32: f32 = f32::EPSILON / 2.0;
-
-/// No object.
-pub(crate) const NONE: u32 = u32::MAX;
-/// Set in an object's id where a sphere's inner side is struck.
-pub(crate) const INSIDE: u32 = 1 << 31;
 
 /// Sixteen rays, rounded to f32.
 #[derive(Clone, Debug)]

@@ -7,8 +7,9 @@
 use super::intersect::{Intersection, Sphere, Triangle, intersect_sphere, intersect_triangle};
 use super::leaf::id;
 use super::walk::Journey;
-use super::{Doubt, INSIDE, NONE, Spot, Visit};
+use super::{Doubt, Spot, Visit};
 use crate::bvh::{Child, Link, WIDTH};
+use crate::shapes::{INSIDE, NONE};
 use crate::simd::{F32x8, F32x16, Floats, LANES, Mask, Simd};
 
 /// Where rays that are alone stand, a lane each.

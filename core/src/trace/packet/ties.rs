@@ -2,9 +2,8 @@
 //!
 //! Only what was asked about before is known here, so that scenes without such planes pay nothing.
 
-use super::{INSIDE, NONE, Packet, lanes};
-use crate::scene::ObjectId;
-use crate::scene::local::surface_and_order;
+use super::{Packet, lanes};
+use crate::shapes::{INSIDE, NONE, ObjectId, surface_and_order};
 use crate::simd::{LANES, Mask};
 use crate::trace::prepared::PreparedScene;
 

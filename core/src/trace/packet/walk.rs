@@ -9,10 +9,10 @@
 use super::beam::{Beam, LEAST_NODES};
 use super::giant::{intersect_giant_sphere, intersect_giant_triangle};
 use super::intersect::{Apart, Rays, Sphere, Triangle, intersect_plane, intersect_sphere, intersect_triangle};
-use super::leaf;
 use super::single::SingleRays;
-use super::{Doubt, INSIDE, NONE, Packet, Spot, Visit};
+use super::{Doubt, Packet, Spot, Visit, leaf};
 use crate::bvh::{Bvh, Child, Coordinate, Link, Node, WIDTH};
+use crate::shapes::{INSIDE, NONE};
 use crate::simd::{F32x16, Floats, LANES, Mask, Simd, prefetch};
 use crate::trace::filter::Filter;
 

@@ -3,10 +3,11 @@
 use super::lanes::{Rays, SurfaceInteractions, eight_at, store};
 use super::paths::Paths;
 use super::{FAR, Stage};
-use crate::geometry::{Ray, V3};
+use crate::numeric::V3;
+use crate::shapes::{INSIDE, NONE, Ray};
 use crate::simd::{F32x16, F64x8, Floats, LANES, Mask, Simd, prefetch};
 use crate::trace::camera::{self, PlanePoint};
-use crate::trace::packet::{self, INSIDE, NONE, Packet, Ties, U32, Walk};
+use crate::trace::packet::{self, Packet, Ties, U32, Walk};
 
 impl Stage<'_> {
     #[inline(always)]

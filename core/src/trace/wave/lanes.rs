@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::PATHS;
-use crate::geometry::{Ray, Real, V3};
+use crate::numeric::{Real, V3};
+use crate::shapes::{NONE, Ray};
 use crate::simd::{F64x8, LANES, Simd};
 use crate::trace::Tracer;
-use crate::trace::packet::NONE;
 use crate::trace::shade::{self, SurfaceInteraction};
 
 /// One number of each ray of a wave. There is room behind the last for a vector to be read or

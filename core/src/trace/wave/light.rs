@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::lanes::{Column, Eight, Rays, SurfaceInteractions, column, eight_at, eight_at_mut, load, load3};
 use super::paths::Paths;
 use super::{PATHS, Stage};
-use crate::geometry::V3;
+use crate::numeric::V3;
 use crate::simd::{F64x8, LANES, Simd};
 use crate::trace::packet::{self, Packet, Spot, Ties, Walk};
 use crate::trace::shade;

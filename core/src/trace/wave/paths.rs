@@ -2,16 +2,13 @@
 
 use glam::DVec3;
 
-use crate::geometry::U;
-use crate::scene::ObjectId;
+use crate::numeric::U;
 use crate::scene::Pigment;
+use crate::shapes::{Decision, INSIDE, NONE, ObjectId};
 use crate::trace::camera::PlanePoint;
-use crate::trace::exact::Decision;
-use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::refine::{Case, Refined, Refiner};
 use crate::trace::scalar::{Closest, Occluded, Scratch};
-use crate::trace::shade;
-use crate::trace::{RayCounts, Refinement, Tracer};
+use crate::trace::{RayCounts, Refinement, Tracer, shade};
 
 use super::lanes::{Column, Rays, SurfaceInteractions};
 

@@ -7,13 +7,12 @@ use proptest::prelude::*;
 
 use super::{Stage, WaveScratch};
 use crate::bvh::Boxes;
-use crate::geometry::{Ray, V3};
-use crate::scene::ObjectId;
-use crate::scene::local::ldexp;
+use crate::numeric::V3;
 use crate::scene::{PlanePosition, Scene, SceneBuilder, Surface};
 use crate::settings::{Sampling, Settings, Transfer, View};
+use crate::shapes::local::ldexp;
+use crate::shapes::{INSIDE, NONE, ObjectId, Ray};
 use crate::simd::{Kernel, LANES, Level, Simd, dispatch};
-use crate::trace::packet::{INSIDE, NONE};
 use crate::trace::scalar::{Closest, Scratch};
 use crate::trace::{PreparedScene, Tracer, proof};
 

@@ -1,7 +1,6 @@
 //! Rays that know how wrong they may be.
 
-use super::TINY;
-use super::real::{Real, Scalar, V3};
+use crate::numeric::{Real, Scalar, TINY, V3};
 
 /// A ray o + t·d in local space, and its distance from the ray of real arithmetic.
 #[derive(Clone, Copy, Debug)]

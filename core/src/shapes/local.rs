@@ -3,26 +3,15 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Order, Plane, PlanePosition, Scene, Sphere, SurfaceId, Triangle};
-use crate::geometry::plane::LocalPlane;
-use crate::geometry::sphere::LocalSphere;
-use crate::geometry::triangle::LocalTriangle;
-use crate::geometry::{Aabb, DoubleDouble, U, V3};
-use crate::precise::predicates::Exact;
-use crate::precise::{Big, Vector};
+use super::object::{Kind, ObjectId, kind};
+use crate::numeric::predicates::Exact;
+use crate::numeric::{Big, DoubleDouble, U, V3, Vector};
+use crate::scene::{Plane, PlanePosition, Scene, Sphere, Triangle};
+use crate::shapes::Aabb;
+use crate::shapes::plane::LocalPlane;
+use crate::shapes::sphere::LocalSphere;
+use crate::shapes::triangle::LocalTriangle;
 use crate::simd::roomy;
-
-/// An object: planes first, then spheres, then triangles, each in document order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) struct ObjectId(pub(crate) u32);
-
-/// What an [`ObjectId`] names, with its index among its kind.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
-    Plane(usize),
-    Sphere(usize),
-    Triangle(usize),
-}
 
 /// The scene's objects in local space, and the way there.
 #[derive(Debug)]
@@ -242,26 +231,4 @@ pub(crate) enum DoubleObject {
     Plane(LocalPlane<DoubleDouble>),
     Sphere(LocalSphere<DoubleDouble>),
     Triangle(LocalTriangle<DoubleDouble>),
-}
-
-/// What [`ObjectId`] `id` names in `scene`.
-pub(crate) fn kind(scene: &Scene, id: ObjectId) -> Kind {
-    let i = id.0 as usize;
-    let (planes, spheres) = (scene.planes().len(), scene.spheres().len());
-    if i < planes {
-        Kind::Plane(i)
-    } else if i < planes + spheres {
-        Kind::Sphere(i - planes)
-    } else {
-        Kind::Triangle(i - planes - spheres)
-    }
-}
-
-/// An object's surface and place in the document.
-pub(crate) fn surface_and_order(scene: &Scene, id: ObjectId) -> (SurfaceId, Order) {
-    match kind(scene, id) {
-        Kind::Plane(i) => (scene.planes()[i].surface, scene.planes()[i].order),
-        Kind::Sphere(i) => (scene.spheres()[i].surface, scene.spheres()[i].order),
-        Kind::Triangle(i) => (scene.triangles()[i].surface(), scene.triangles()[i].order),
-    }
 }

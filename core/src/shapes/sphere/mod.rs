@@ -12,10 +12,12 @@
 //! 1.01·ed·m at the centre. Together δ = eo + 4u·|o| + m(1.1·ed + 10u) bounds the error of |q|.
 //! Then h² = r² − |q|² is off by at most δ(2r + 3δ) + 8u·r².
 
+pub(crate) mod giant;
+
 use glam::DVec3;
 
-use super::real::{Real, Scalar, V3};
-use super::{Ray, Span, TINY};
+use super::{Ray, Span};
+use crate::numeric::{Real, Scalar, TINY, V3};
 
 /// A sphere in local space; its centre is within U·|c| of the real one.
 #[derive(Clone, Copy, Debug)]

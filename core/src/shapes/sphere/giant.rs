@@ -1,21 +1,17 @@
-//! Spheres and triangles far larger than what is seen of them, described around the eye.
+//! Spheres far larger than what is seen of them, described around the eye.
 //!
-//! A planet's centre is so far below the eye that its rounding alone is more than what lies on the planet; so are the
-//! corners of a needle beside its width. What matters of such objects is near the origin of local space, the eye.
-//! There a sphere is F(P) = q·P² + m·P + k = 0, with q = 1/2r, m = −c/r and k = (c² − r²)/2r, and F's gradient
-//! 2q·P + m is its unit normal; a triangle is n·P = h with linear functions u·P + u0 and v·P + v0 for the weights of
-//! its second and third corner. These numbers are found exactly and rounded once each, so that what they
-//! misplace is a share of the distance from the eye, and not of the object's size.
+//! A planet's centre is so far below the eye that its rounding alone is more than what lies on the planet. What
+//! matters of such a sphere is near the origin of local space, the eye. There it is F(P) = q·P² + m·P + k = 0, with
+//! q = 1/2r, m = −c/r and k = (c² − r²)/2r, and F's gradient 2q·P + m is its unit normal. These numbers are found
+//! exactly and rounded once each, so that what they misplace is a share of the distance from the eye, and not of the
+//! sphere's size.
 //!
 //! **Bound.** Every number here is within u of itself. With G = |m| + 2q(|o| + eo), which bounds the gradient at
-//! the start: the sphere's C = F(o) is off by at most eo·G + 10u(q·o² + |m||o| + |k|), B = d·(2q·o + m) by
-//! |d|((ed + 8u)·G + 2q·eo), A = q·d² by 2.2·ed + 8u of itself. The triangle's plane is one of
-//! [`super::plane`]; a point that is off by ep has weights that are off by
-//! (|u| + |v|)·ep + 8u((|u| + |v|)|P| + |u0| + |v0| + 1).
+//! the start: C = F(o) is off by at most eo·G + 10u(q·o² + |m||o| + |k|), B = d·(2q·o + m) by
+//! |d|((ed + 8u)·G + 2q·eo), A = q·d² by 2.2·ed + 8u of itself.
 
-use super::plane::{self, LocalPlane};
-use super::real::{Real, Scalar, V3};
-use super::{Ray, Span, TINY};
+use crate::numeric::{Real, Scalar, TINY, V3};
+use crate::shapes::{Ray, Span};
 
 /// A sphere around the eye.
 #[derive(Clone, Copy, Debug)]
@@ -23,16 +19,6 @@ pub(crate) struct GiantSphere<R = f64> {
     pub(crate) m: V3<R>,
     pub(crate) q: R,
     pub(crate) k: R,
-}
-
-/// A triangle around the eye.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct GiantTriangle {
-    pub(crate) plane: LocalPlane,
-    pub(crate) u: V3<f64>,
-    pub(crate) u0: f64,
-    pub(crate) v: V3<f64>,
-    pub(crate) v0: f64,
 }
 
 /// A line and a sphere: A·t² + 2B·t + C with B halved, and bounds.
@@ -113,7 +99,7 @@ impl<R: Real> Chord<R> {
 const TURNED: f64 = 0.05;
 
 /// Where `ray` meets the sphere first.
-pub(crate) fn test_sphere<R: Scalar>(ray: &Ray<R>, s: &GiantSphere<R>) -> Option<Span<R>> {
+pub(crate) fn test<R: Scalar>(ray: &Ray<R>, s: &GiantSphere<R>) -> Option<Span<R>> {
     let zero = R::splat(0.0);
     let anything = Span::unsure(zero, R::splat(f64::INFINITY), false);
     if !(ray.ed < R::splat(TURNED)) {
@@ -141,7 +127,7 @@ pub(crate) fn test_sphere<R: Scalar>(ray: &Ray<R>, s: &GiantSphere<R>) -> Option
 }
 
 /// Where a ray that starts on the sphere's inner side meets it again.
-pub(crate) fn test_sphere_from_inside<R: Scalar>(ray: &Ray<R>, s: &GiantSphere<R>) -> Option<Span<R>> {
+pub(crate) fn test_from_inside<R: Scalar>(ray: &Ray<R>, s: &GiantSphere<R>) -> Option<Span<R>> {
     let zero = R::splat(0.0);
     let (t, e) = Chord::new(ray, s).other();
     let known = ray.ed < R::splat(TURNED) && e < R::splat(f64::INFINITY);
@@ -171,30 +157,3 @@ pub(crate) fn normal<R: Real>(s: &GiantSphere<R>, p: V3<R>, ep: R) -> (V3<R>, R)
     let n = p * twice + s.m;
     (n, twice * ep + R::splat(8.0 * R::U) * (twice * p.norm1() + s.m.norm1()))
 }
-
-/// Where the ray surely meets the triangle or surely does not; `Err` where these numbers do not tell.
-pub(crate) fn test_triangle(ray: &Ray, tri: &GiantTriangle) -> Result<Option<Span>, Unsure> {
-    let (t, et) = plane::distance(ray, &tri.plane);
-    if !(et < f64::INFINITY) {
-        return Err(Unsure);
-    }
-    let p = ray.o + ray.d * t;
-    let travel = t.abs() * ray.len;
-    let ep = et * ray.len + ray.eo + travel * ray.ed + 8.0 * f64::U * (ray.o.norm1() + travel);
-    let (u, v) = (tri.u.dot(p) + tri.u0, tri.v.dot(p) + tri.v0);
-    let slope = tri.u.norm1() + tri.v.norm1();
-    let e = slope * ep + 8.0 * f64::U * (slope * p.norm1() + tri.u0.abs() + tri.v0.abs() + 1.0) + TINY;
-    let least = u.min(v).min(1.0 - u - v);
-    if least < -e {
-        return Ok(None);
-    }
-    let span = Span::around(t, et, false);
-    match span {
-        Some(span) if span.sure && !(least > e) => Err(Unsure),
-        Some(span) if !span.sure => Err(Unsure),
-        span => Ok(span),
-    }
-}
-
-/// These numbers do not tell.
-pub(crate) struct Unsure;

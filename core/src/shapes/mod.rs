@@ -1,5 +1,6 @@
-//! What rays meet: the scene's objects near the camera's origin and at unit size, in f64,
-//! with tests that know their own error.
+//! What rays meet: each shape in a folder of its own, with all that is particular to it.
+//!
+//! Objects are near the camera's origin and at unit size, in f64, with tests that know their own error.
 //!
 //! **Local space.** Coordinates here are (world − camera location) · 2^−k, k such that the
 //! largest finite object reaches about 1. Both steps are exact or lose at most half a unit
@@ -9,25 +10,17 @@
 //! **Bounds.** A [`Ray`] says how far it may be from the ray of real arithmetic. Each
 //! `test` function returns a [`Span`] that surely contains the real distance, and says
 //! whether the hit itself is sure. What is not sure is decided elsewhere
-//! (`trace::exact`), never by a tolerance.
+//! (`exact`), never by a tolerance.
 
-pub(crate) mod aabb;
-mod double_double;
-pub(crate) mod giant;
+mod aabb;
+pub(crate) mod local;
+mod object;
 pub(crate) mod plane;
-pub(crate) mod ray;
-pub(crate) mod real;
+mod ray;
 pub(crate) mod sphere;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
-pub(crate) use double_double::DoubleDouble;
+pub(crate) use local::Local;
+pub(crate) use object::{Decision, INSIDE, Kind, NONE, ObjectId, kind, surface_and_order};
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
-pub(crate) use real::{Real, Scalar, V3};
-
-/// The unit roundoff of f64, 2⁻⁵³.
-pub(crate) const U: f64 = f64::EPSILON / 2.0;
-
-/// Added to every absolute bound: covers all underflow in a kernel, since after scaling
-/// nothing that matters is near the smallest numbers.
-pub(crate) const TINY: f64 = 1e-290;

@@ -17,8 +17,10 @@
 //! 6u·S³/|N| inside the triangle, the corners by 2·pos, so that t is off by at most
 //! (3·pos·|N| + 12u·S³)/|N·d|.
 
-use super::real::{Real, Scalar, V3};
-use super::{Ray, Span, TINY};
+pub(crate) mod giant;
+
+use super::{Ray, Span};
+use crate::numeric::{Real, Scalar, TINY, V3};
 
 /// Corners in local space, each within 2u·V of the real ones.
 #[derive(Clone, Copy, Debug)]

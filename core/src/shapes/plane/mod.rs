@@ -4,8 +4,8 @@
 //! passes through the origin, the eye, and only there. Then
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
-use super::real::{Real, Scalar, V3};
-use super::{Ray, Span, TINY};
+use super::{Ray, Span};
+use crate::numeric::{Real, Scalar, TINY, V3};
 
 /// n · P = h in local space.
 #[derive(Clone, Copy, Debug)]

@@ -9,8 +9,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Real, Scalar, V3};
-use crate::precise::Big;
+use super::{Big, Real, Scalar, V3};
 
 /// hi + lo, |lo| at most half a unit in the last place of hi.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
