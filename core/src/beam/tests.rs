@@ -9,12 +9,14 @@ use proptest::prelude::*;
 use super::cover::{Cover, Depth};
 use super::gather::{Pyramid, Shaft, gather};
 use super::lens::{EDGE, HALF, Lens, Tile};
+use crate::film::PlanePoint;
+use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch};
 use crate::sampling::points::{Sequence, centre, mix};
 use crate::sampling::proof::{object, prove};
 use crate::scene::{Pigment, PlanePosition, SceneBuilder, Surface};
 use crate::settings::{Sampling, Settings, Transfer, View};
 use crate::shapes::{Kind, ObjectId, kind};
-use crate::trace::{PlanePoint, PreparedScene, RayCounts, Sample, Tracer, WaveScratch};
+use crate::traverse::PreparedScene;
 
 const SIZE: (u32, u32) = (64, 48);
 

@@ -9,10 +9,11 @@ use glam::DVec3;
 use crate::beam::cover::{self, Cover, Depth, Outline};
 use crate::beam::gather::{Pyramid, gather};
 use crate::beam::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
+use crate::film::PlanePoint;
+use crate::integrate::Tracer;
 use crate::scene::Pigment;
 use crate::shapes::{Kind, ObjectId, kind};
 use crate::simd::{Kernel, Simd};
-use crate::trace::{PlanePoint, Tracer};
 
 use super::coverage::Shapes;
 use super::shadows::{APART, Group, Receiver};

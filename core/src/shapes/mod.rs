@@ -13,6 +13,8 @@
 //! (`exact`), never by a tolerance.
 
 mod aabb;
+pub(crate) mod exact;
+pub(crate) mod integers;
 pub(crate) mod local;
 mod object;
 pub(crate) mod plane;

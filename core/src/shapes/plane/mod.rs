@@ -4,6 +4,8 @@
 //! passes through the origin, the eye, and only there. Then
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
+pub(crate) mod exact;
+
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};
 

@@ -17,6 +17,7 @@
 //! 6u·S³/|N| inside the triangle, the corners by 2·pos, so that t is off by at most
 //! (3·pos·|N| + 12u·S³)/|N·d|.
 
+pub(crate) mod exact;
 pub(crate) mod giant;
 
 use super::{Ray, Span};
