@@ -14,6 +14,7 @@
 
 mod aabb;
 pub(crate) mod exact;
+pub(crate) mod filter;
 pub(crate) mod integers;
 pub(crate) mod local;
 mod object;

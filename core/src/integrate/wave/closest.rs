@@ -6,9 +6,10 @@ use super::{FAR, Stage};
 use crate::film::PlanePoint;
 use crate::integrate::camera;
 use crate::numeric::V3;
+use crate::shapes::filter::U32;
 use crate::shapes::{INSIDE, NONE, Ray};
 use crate::simd::{F32x16, F64x8, Floats, LANES, Mask, Simd, prefetch};
-use crate::traverse::packet::{self, Packet, Ties, U32, Walk};
+use crate::traverse::packet::{self, Packet, Ties, Walk};
 
 impl Stage<'_> {
     #[inline(always)]

@@ -5,6 +5,7 @@
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
 pub(crate) mod exact;
+pub(crate) mod filter;
 
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};

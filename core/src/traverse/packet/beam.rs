@@ -1,6 +1,6 @@
 //! What holds for all rays of a packet.
 
-use super::intersect::Rays;
+use super::rays::Rays;
 use crate::bvh::Node;
 use crate::simd::{F32x8, F32x16, Floats, Mask, Simd};
 

@@ -12,9 +12,8 @@
 //! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
 
 mod beam;
-mod giant;
-mod intersect;
 mod leaf;
+mod rays;
 mod single;
 #[cfg(test)]
 mod tests;
@@ -23,15 +22,12 @@ mod walk;
 
 use super::filter::Filter;
 use crate::bvh::{Bvh, Child};
+use crate::shapes::filter::Intersection;
 use crate::shapes::{INSIDE, NONE};
 use crate::simd::{F32x16, Floats, LANES, Mask, Simd};
-use intersect::Intersection;
 pub(crate) use leaf::Leaves;
 pub(crate) use ties::Ties;
 use walk::{Stacks, walk};
-
-/// The unit roundoff of f32.
-pub(crate) const U32: f32 = f32::EPSILON / 2.0;
 
 /// Sixteen rays, rounded to f32.
 #[derive(Clone, Debug)]

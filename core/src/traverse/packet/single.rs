@@ -4,12 +4,12 @@
 //! guessed wrongly of its outcome. So rays that are alone go on side by side: all take one step,
 //! then it is seen where each of them stands.
 
-use super::intersect::{Intersection, Sphere, Triangle, intersect_sphere, intersect_triangle};
 use super::leaf::id;
 use super::walk::Journey;
 use super::{Doubt, Spot, Visit};
 use crate::bvh::{Child, Link, WIDTH};
-use crate::shapes::{INSIDE, NONE};
+use crate::shapes::filter::Intersection;
+use crate::shapes::{INSIDE, NONE, sphere, triangle};
 use crate::simd::{F32x8, F32x16, Floats, LANES, Mask, Simd};
 
 /// Where rays that are alone stand, a lane each.
@@ -172,10 +172,10 @@ impl<S: Simd> Journey<'_, S> {
         let ray = self.apart.ray::<S>(self.packet, lane);
         let m = if kind == 0 {
             let leaf = self.filter.triangles.leaf(start, count);
-            intersect_triangle(&ray, &Triangle::all(&leaf), all)
+            triangle::filter::intersect(&ray, &triangle::filter::Triangle::all(&leaf), all)
         } else {
             let leaf = self.filter.spheres.leaf(start, count);
-            let mut m = intersect_sphere(&ray, &Sphere::all(&leaf), all);
+            let mut m = sphere::filter::intersect(&ray, &sphere::filter::Sphere::all(&leaf), all);
             let own = self.packet.own[lane];
             if own & INSIDE != 0 && own != NONE {
                 let mut within = 0;

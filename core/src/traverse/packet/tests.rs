@@ -2,18 +2,17 @@
 
 use proptest::prelude::*;
 
-use super::giant::{intersect_giant_sphere, intersect_giant_triangle};
-use super::intersect::{Rays, Sphere, Triangle, intersect_plane, intersect_sphere, intersect_triangle};
+use super::rays::Rays;
 use super::{LANES, Mask, Packet};
 use crate::sampling::points::mix;
+use crate::shapes::{plane, sphere, triangle};
 use crate::simd::{F32x16, Kernel, Level, MOST, Simd, dispatch};
-use crate::traverse::filter::{FlatPlane, FlatSphere, FlatTriangle, SPHERE, TRIANGLE};
 
 /// Sixteen rays of ten numbers each and an object of so many, of which one is not a number: a ray's or the object's.
 #[derive(Clone, Debug)]
 struct Case {
     rays: [[f32; LANES]; 9],
-    object: [f32; TRIANGLE],
+    object: [f32; triangle::filter::NUMBERS],
     /// Lanes in which nothing is known.
     spoilt: Mask,
 }
@@ -26,24 +25,33 @@ impl Kernel for &Case {
         let packet = Packet { o: [x, y, z], d: [u, v, w], near, per, ed, ..Packet::default() };
         let ray = Rays::<S>::new(&packet).ray;
         let (all, ed, n) = (Mask::MAX, S::F32x16::load(&ed), &self.object);
-        let rows = |k: usize| [n[k]; MOST];
-        let (mut triangle, mut sphere) = ([[0.0; MOST]; TRIANGLE], [[0.0; MOST]; SPHERE]);
-        for k in 0..TRIANGLE {
-            triangle[k] = rows(k);
+        let row = |k: usize| [n[k]; MOST];
+        let mut rows = ([[0.0; MOST]; triangle::filter::NUMBERS], [[0.0; MOST]; sphere::filter::NUMBERS]);
+        for k in 0..triangle::filter::NUMBERS {
+            rows.0[k] = row(k);
         }
-        for k in 0..SPHERE {
-            sphere[k] = rows(k);
+        for k in 0..sphere::filter::NUMBERS {
+            rows.1[k] = row(k);
         }
-        let plane = FlatPlane { n: [n[0], n[1], n[2]], h: n[3], through_eye: false };
+        let flat = plane::filter::Plane { n: [n[0], n[1], n[2]], h: n[3], through_eye: false };
         let (one, other) = ([n[4], n[5], n[6]], [n[8], n[9], n[10]]);
-        let giant = FlatTriangle { id: 0, plane, u: one, u0: n[7], v: other, v0: n[11], slope: n[12], terms: n[13] };
-        let around = FlatSphere { id: 0, m: [n[0], n[1], n[2]], q: n[3], k: n[4] };
+        let giant = triangle::filter::Giant {
+            id: 0,
+            plane: flat,
+            u: one,
+            u0: n[7],
+            v: other,
+            v0: n[11],
+            slope: n[12],
+            terms: n[13],
+        };
+        let around = sphere::filter::Giant { id: 0, m: [n[0], n[1], n[2]], q: n[3], k: n[4] };
         let meetings = [
-            ("triangle", intersect_triangle(&ray, &Triangle::one(&triangle, 0), all)),
-            ("sphere", intersect_sphere(&ray, &Sphere::one(&sphere, 0), all)),
-            ("plane", intersect_plane(&ray, &plane, ed, all)),
-            ("giant triangle", intersect_giant_triangle(&ray, &giant, ed, all)),
-            ("giant sphere", intersect_giant_sphere(&ray, &around, ed, all)),
+            ("triangle", triangle::filter::intersect(&ray, &triangle::filter::Triangle::one(&rows.0, 0), all)),
+            ("sphere", sphere::filter::intersect(&ray, &sphere::filter::Sphere::one(&rows.1, 0), all)),
+            ("plane", plane::filter::intersect(&ray, &flat, ed, all)),
+            ("giant triangle", triangle::filter::intersect_giant(&ray, &giant, ed, all)),
+            ("giant sphere", sphere::filter::intersect_giant(&ray, &around, ed, all)),
         ];
         let [a, b, c, d, e] = meetings;
         [
@@ -77,7 +85,7 @@ fn case() -> impl Strategy<Value = Case> {
         };
         let mut rays = [[0.0; LANES]; 9];
         rays.iter_mut().flatten().for_each(|x| *x = next());
-        let mut object = [0.0; TRIANGLE];
+        let mut object = [0.0; triangle::filter::NUMBERS];
         object.fill_with(next);
         // The first four numbers are ones that every kind of object has.
         let spoilt = match which {

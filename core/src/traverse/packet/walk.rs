@@ -7,12 +7,11 @@
 //! visited is asked of memory when it is found, long before it is needed.
 
 use super::beam::{Beam, LEAST_NODES};
-use super::giant::{intersect_giant_sphere, intersect_giant_triangle};
-use super::intersect::{Apart, Rays, Sphere, Triangle, intersect_plane, intersect_sphere, intersect_triangle};
+use super::rays::{Apart, Rays};
 use super::single::SingleRays;
 use super::{Doubt, Packet, Spot, Visit, leaf};
 use crate::bvh::{Bvh, Child, Coordinate, Link, Node, WIDTH};
-use crate::shapes::{INSIDE, NONE};
+use crate::shapes::{INSIDE, NONE, plane, sphere, triangle};
 use crate::simd::{F32x16, Floats, LANES, Mask, Simd, prefetch};
 use crate::traverse::filter::Filter;
 
@@ -93,7 +92,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
             if visitor.exempt().contains(&(k as u32)) {
                 continue;
             }
-            let m = intersect_plane(&rays.ray, plane, ed, mask);
+            let m = plane::filter::intersect(&rays.ray, plane, ed, mask);
             if m.may != 0 {
                 visitor.visit(k as u32, None, m, doubts);
             }
@@ -176,7 +175,7 @@ fn giants<S: Simd, V: Visit<S>>(
     for giant in &filter.giant_spheres {
         let mask = visitor.active() & !S::equal(&packet.own, giant.id);
         let within = S::equal(&packet.own, giant.id | INSIDE) & mask;
-        let mut m = intersect_giant_sphere(&rays.ray, giant, ed, mask);
+        let mut m = sphere::filter::intersect_giant(&rays.ray, giant, ed, mask);
         if within != 0 {
             m.may |= within;
             m.sure &= !within;
@@ -188,7 +187,7 @@ fn giants<S: Simd, V: Visit<S>>(
     }
     for giant in &filter.giant_triangles {
         let mask = visitor.active() & !S::equal(&packet.own, giant.id);
-        let m = intersect_giant_triangle(&rays.ray, giant, ed, mask);
+        let m = triangle::filter::intersect_giant(&rays.ray, giant, ed, mask);
         if m.may != 0 {
             visitor.visit(giant.id, None, m, doubts);
         }
@@ -335,12 +334,15 @@ impl<'a, S: Simd> Journey<'a, S> {
             let leaf = self.filter.triangles.leaf(start, count);
             let id = leaf::id(&leaf, spot.place);
             let mask = mask & !S::equal(&self.packet.own, id);
-            (id, intersect_triangle(&self.rays.ray, &Triangle::lone(&leaf, spot.place), mask))
+            (
+                id,
+                triangle::filter::intersect(&self.rays.ray, &triangle::filter::Triangle::lone(&leaf, spot.place), mask),
+            )
         } else {
             let leaf = self.filter.spheres.leaf(start, count);
             let id = leaf::id(&leaf, spot.place);
             let mask = mask & !S::equal(&self.packet.own, id) & !S::equal(&self.packet.own, id | INSIDE);
-            (id, intersect_sphere(&self.rays.ray, &Sphere::lone(&leaf, spot.place), mask))
+            (id, sphere::filter::intersect(&self.rays.ray, &sphere::filter::Sphere::lone(&leaf, spot.place), mask))
         };
         m.may &= m.sure & m.hi.lt(visitor.bound());
         if m.may != 0 {
@@ -357,7 +359,7 @@ impl<'a, S: Simd> Journey<'a, S> {
             for i in 0..count {
                 let id = leaf[leaf.len() - 1][i % WIDTH].tag();
                 let mask = mask & !S::equal(&self.packet.own, id);
-                let m = intersect_triangle(&self.rays.ray, &Triangle::one(&leaf, i), mask);
+                let m = triangle::filter::intersect(&self.rays.ray, &triangle::filter::Triangle::one(&leaf, i), mask);
                 if m.may != 0 {
                     visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);
                 }
@@ -371,7 +373,7 @@ impl<'a, S: Simd> Journey<'a, S> {
             let outside = S::equal(&self.packet.own, id);
             let within = S::equal(&self.packet.own, id | INSIDE);
             let mask = mask & !outside;
-            let mut m = intersect_sphere(&self.rays.ray, &Sphere::one(&leaf, i), mask);
+            let mut m = sphere::filter::intersect(&self.rays.ray, &sphere::filter::Sphere::one(&leaf, i), mask);
             if within & mask != 0 {
                 m.may |= within & mask;
                 m.sure &= !within;
