@@ -6,10 +6,10 @@
 //! takes; what they cannot bound tightly enough goes there.
 
 use super::refine::{Case, Refined};
-use super::shade::{self, SurfaceInteraction};
+use super::shade;
 use crate::numeric::{DoubleDouble, Real, U};
 use crate::shapes::local::DoubleObject;
-use crate::shapes::{Decision, ObjectId, Ray, Span, plane, sphere, triangle};
+use crate::shapes::{Decision, ObjectId, Ray, Span, SurfaceInteraction, plane, sphere, triangle};
 
 /// Longer paths are left to the refiner, which remembers how far it has followed them.
 const SHORT: usize = 8;
@@ -148,11 +148,11 @@ fn intersect(
     let prepared = &case.tracer.prepared;
     let flag = |b: bool| DoubleDouble::splat(if b { 1.0 } else { 0.0 });
     Some(match prepared.local.double(&prepared.scene, decision.id)? {
-        DoubleObject::Plane(plane) => shade::on_plane(ray, &plane),
-        DoubleObject::Triangle(triangle) => shade::on_triangle(ray, &triangle),
+        DoubleObject::Plane(plane) => plane::interaction(ray, &plane),
+        DoubleObject::Triangle(triangle) => triangle::interaction(ray, &triangle),
         DoubleObject::Sphere(sphere) => {
             let own = from.is_some_and(|f| f.id == decision.id);
-            shade::on_sphere(ray, &sphere, flag(decision.inside), flag(own))
+            sphere::interaction(ray, &sphere, flag(decision.inside), flag(own))
         }
     })
 }

@@ -3,12 +3,12 @@
 use glam::DVec3;
 
 use super::refine::{Case, Refined, Refiner};
-use super::shade::{self, SurfaceInteraction};
+use super::shade;
 use super::{RayCounts, Refinement, Sample, Tracer, texture};
 use crate::film::PlanePoint;
 use crate::numeric::{U, V3};
 use crate::scene::Pigment;
-use crate::shapes::{Decision, Kind, Ray, kind};
+use crate::shapes::{Decision, Kind, Ray, SurfaceInteraction, kind, plane, sphere, triangle};
 use crate::traverse::{Closest, Occluded, Scratch};
 
 /// Memory of a thread that traces paths.
@@ -144,12 +144,12 @@ impl Tracer {
     fn interaction(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> SurfaceInteraction {
         let local = &self.prepared.local;
         match kind(&self.prepared.scene, decision.id) {
-            Kind::Plane(i) => shade::on_plane(ray, &local.planes[i]),
-            Kind::Triangle(i) => shade::on_triangle(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
+            Kind::Plane(i) => plane::interaction(ray, &local.planes[i]),
+            Kind::Triangle(i) => triangle::interaction(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
             Kind::Sphere(i) => {
                 let flag = |b: bool| if b { 1.0 } else { 0.0 };
                 let own = from.is_some_and(|f| f.id == decision.id);
-                shade::on_sphere(ray, &local.spheres[i], flag(decision.inside), flag(own))
+                sphere::interaction(ray, &local.spheres[i], flag(decision.inside), flag(own))
             }
         }
     }
@@ -166,10 +166,10 @@ impl Tracer {
         let giants = &self.prepared.giants;
         let flag = |b: bool| if b { 1.0 } else { 0.0 };
         let interaction = match (giants.triangle(met.id.0), giants.sphere(met.id.0)) {
-            (Some(giant), _) => shade::on_plane(ray, &giant.plane),
+            (Some(giant), _) => plane::interaction(ray, &giant.plane),
             (None, Some(giant)) => {
                 let own = from.is_some_and(|f| f.id == met.id);
-                shade::on_giant_sphere(ray, giant, flag(met.inside), flag(own))
+                sphere::giant_interaction(ray, giant, flag(met.inside), flag(own))
             }
             (None, None) => return None,
         };

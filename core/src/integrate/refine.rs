@@ -3,13 +3,12 @@
 use glam::{DVec2, DVec3};
 
 use super::double_double::DoubleDoublePath;
-use super::shade::SurfaceInteraction;
 use super::{Tracer, texture};
 use crate::exact::{self, CameraPath, Point, Proof};
 use crate::film::PlanePoint;
 use crate::numeric::{U, Unsure, V3, Vector};
 use crate::shapes::exact::{ExactHit, ExactRay, FIRST, LAST};
-use crate::shapes::{Decision, ObjectId};
+use crate::shapes::{Decision, ObjectId, SurfaceInteraction};
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {

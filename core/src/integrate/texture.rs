@@ -2,11 +2,10 @@
 
 use glam::{DVec2, DVec3};
 
-use super::shade::SurfaceInteraction;
 use crate::numeric::{Big, Bound, U, Unsure, Vector};
 use crate::scene::{Pigment, PlanePosition, Scene, Texture};
 use crate::shapes::exact::{ExactHit, LAST, largest, size};
-use crate::shapes::{Decision, Kind, Local, ObjectId, Ray, kind, triangle};
+use crate::shapes::{Decision, Kind, Local, ObjectId, Ray, SurfaceInteraction, kind, triangle};
 
 /// The largest misplacement of a picture, in texels, that f64 is trusted with.
 pub(crate) const TEXEL: f64 = 1e-4;

@@ -16,6 +16,7 @@ mod aabb;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod integers;
+mod interaction;
 pub(crate) mod local;
 mod object;
 pub(crate) mod plane;
@@ -24,6 +25,7 @@ pub(crate) mod sphere;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
+pub(crate) use interaction::{SurfaceInteraction, TAKEN};
 pub(crate) use local::Local;
-pub(crate) use object::{Decision, INSIDE, Kind, NONE, ObjectId, kind, surface_and_order};
+pub(crate) use object::{Decision, INSIDE, Kind, NONE, ObjectId, all_same, kind, surface_and_order};
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};

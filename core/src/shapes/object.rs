@@ -60,3 +60,9 @@ pub(crate) fn surface_and_order(scene: &Scene, id: ObjectId) -> (SurfaceId, Orde
         Kind::Triangle(i) => (scene.triangles()[i].surface(), scene.triangles()[i].order),
     }
 }
+
+/// Whether all of eight ids name one object.
+#[inline(always)]
+pub(crate) fn all_same(ids: &[u32; 8]) -> bool {
+    ids[1..].iter().all(|id| *id == ids[0])
+}

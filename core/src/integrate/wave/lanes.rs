@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::PATHS;
 use crate::integrate::Tracer;
-use crate::integrate::shade::{self, SurfaceInteraction};
+use crate::integrate::shade;
 use crate::numeric::{Real, V3};
-use crate::shapes::{NONE, Ray};
+use crate::shapes::{NONE, Ray, SurfaceInteraction};
 use crate::simd::{F64x8, LANES, Simd};
 
 /// One number of each ray of a wave. There is room behind the last for a vector to be read or
@@ -270,9 +270,4 @@ pub(super) fn load3<S: Simd>(v: &[Column<f64>; 3], at: usize) -> V3<S::F64x8> {
 #[inline(always)]
 pub(super) fn store<D: F64x8>(x: D, to: &mut Column<f64>, at: usize) {
     x.store(eight_at_mut(to, at));
-}
-
-#[inline(always)]
-pub(super) fn three<S: Simd>(lanes: &[[f64; 8]], at: usize) -> V3<S::F64x8> {
-    V3 { x: S::F64x8::load(&lanes[at]), y: S::F64x8::load(&lanes[at + 1]), z: S::F64x8::load(&lanes[at + 2]) }
 }

@@ -4,10 +4,10 @@ use glam::DVec3;
 
 use crate::film::PlanePoint;
 use crate::integrate::refine::{Case, Refined, Refiner};
-use crate::integrate::{RayCounts, Refinement, Tracer, shade};
+use crate::integrate::{RayCounts, Refinement, Tracer};
 use crate::numeric::U;
 use crate::scene::Pigment;
-use crate::shapes::{Decision, INSIDE, NONE, ObjectId};
+use crate::shapes::{Decision, INSIDE, NONE, ObjectId, TAKEN};
 use crate::traverse::{Closest, Occluded, Scratch};
 
 use super::lanes::{Column, Rays, SurfaceInteractions};
@@ -95,7 +95,7 @@ impl Paths<'_> {
         lane: usize,
         lanes: &mut [[f64; 8]; 4],
     ) {
-        if self.tracer.refinement == Refinement::Off && interactions.en[i] == shade::TAKEN {
+        if self.tracer.refinement == Refinement::Off && interactions.en[i] == TAKEN {
             lanes[3][lane] = 4.0 * U;
         }
         if interactions.refined[i] != 0 {

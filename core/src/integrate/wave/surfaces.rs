@@ -2,18 +2,16 @@
 
 use glam::DVec3;
 
-use super::lanes::{Eight, Rays, SurfaceInteractions, eight_at_mut, load, three};
+use super::lanes::{Eight, Rays, SurfaceInteractions, eight_at_mut, load};
 use super::paths::Paths;
 use super::{Kinds, Stage};
-use crate::integrate::shade::{self, SurfaceInteraction};
+use crate::integrate::shade;
 use crate::integrate::{Refinement, texture};
 use crate::numeric::{Real, V3};
 use crate::scene::{Pigment, TextureId};
-use crate::shapes::plane::LocalPlane;
-use crate::shapes::sphere::LocalSphere;
-use crate::shapes::triangle::LocalTriangle;
-use crate::shapes::{Decision, INSIDE, NONE, ObjectId, Ray};
-use crate::simd::{F64x8, Simd};
+use crate::shapes::{Decision, INSIDE, NONE, ObjectId, SurfaceInteraction, all_same, plane, sphere, triangle};
+use crate::simd::{F64x8, Simd, three};
+use crate::traverse::PreparedScene;
 
 impl Stage<'_> {
     /// Computes where rays meet what they are known to meet; what met nothing sees the background.
@@ -25,7 +23,7 @@ impl Stage<'_> {
         kinds: &mut Kinds,
         paths: &mut Paths,
     ) {
-        let local = &self.tracer.prepared.local;
+        let PreparedScene { local, scene, .. } = &*self.tracer.prepared;
         interactions.reset(rays.count);
         let planes = local.planes.len() as u32;
         let spheres = planes + local.spheres.len() as u32;
@@ -39,7 +37,7 @@ impl Stage<'_> {
         for at in (0..kinds.counts[0]).step_by(8) {
             let at = Eight::of(&kinds.lists[0], at, kinds.counts[0]);
             let ids = at.take(&interactions.met);
-            let interaction = self.planes::<S>(&rays.pick::<S>(&at), &ids);
+            let interaction = plane::interaction(&rays.pick::<S>(&at), &plane::eight::<S>(&local.planes, &ids));
             self.put::<S>(rays, interactions, &at, &ids, &interaction);
         }
         for at in (0..kinds.counts[1]).step_by(8) {
@@ -51,13 +49,21 @@ impl Stage<'_> {
                 inner[k] = if met[k] & INSIDE != 0 { 1.0 } else { 0.0 };
                 same[k] = if own[k] != NONE && (met[k] ^ own[k]) & !INSIDE == 0 { 1.0 } else { 0.0 };
             }
-            let interaction = self.spheres::<S>(&rays.pick::<S>(&at), &ids, &inner, &same);
+            let interaction = sphere::interaction(
+                &rays.pick::<S>(&at),
+                &sphere::eight::<S>(&local.spheres, &ids, planes),
+                S::F64x8::load(&inner),
+                S::F64x8::load(&same),
+            );
             self.put::<S>(rays, interactions, &at, &ids, &interaction);
         }
         for at in (0..kinds.counts[2]).step_by(8) {
             let at = Eight::of(&kinds.lists[2], at, kinds.counts[2]);
             let ids = at.take(&interactions.met);
-            let interaction = self.triangles::<S>(&rays.pick::<S>(&at), &ids);
+            let interaction = triangle::interaction(
+                &rays.pick::<S>(&at),
+                &triangle::eight::<S>(local, scene.triangles(), &ids, spheres),
+            );
             self.put::<S>(rays, interactions, &at, &ids, &interaction);
         }
         for &i in &kinds.lists[3][..kinds.counts[3]] {
@@ -82,7 +88,7 @@ impl Stage<'_> {
         at.store(interaction.ep, &mut interactions.ep);
         at.store(interaction.en, &mut interactions.en);
         let material = self.tracer.material(ObjectId(ids[0]));
-        if same(ids) && matches!(material.pigment, Pigment::Color(_)) {
+        if all_same(ids) && matches!(material.pigment, Pigment::Color(_)) {
             at.store3(V3::<S::F64x8>::splat(material.albedo), &mut interactions.albedo);
             at.store(S::F64x8::splat(material.reflect), &mut interactions.reflect);
             return;
@@ -124,54 +130,6 @@ impl Stage<'_> {
                 }
             }
         }
-    }
-
-    #[inline(always)]
-    fn planes<S: Simd>(&self, ray: &Ray<S::F64x8>, ids: &[u32; 8]) -> SurfaceInteraction<S::F64x8> {
-        let planes = &self.tracer.prepared.local.planes;
-        if same(ids) {
-            let p = &planes[ids[0] as usize];
-            return shade::on_plane(ray, &LocalPlane { n: V3::splat(p.n.to_dvec3()), h: S::F64x8::splat(p.h) });
-        }
-        let mut lanes = [[0.0; 8]; 4];
-        for k in 0..8 {
-            let p = &planes[ids[k] as usize];
-            (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k]) = (p.n.x, p.n.y, p.n.z, p.h);
-        }
-        shade::on_plane(ray, &LocalPlane { n: three::<S>(&lanes, 0), h: S::F64x8::load(&lanes[3]) })
-    }
-
-    #[inline(always)]
-    fn spheres<S: Simd>(
-        &self,
-        ray: &Ray<S::F64x8>,
-        ids: &[u32; 8],
-        inner: &[f64; 8],
-        own: &[f64; 8],
-    ) -> SurfaceInteraction<S::F64x8> {
-        let local = &self.tracer.prepared.local;
-        let mut lanes = [[0.0; 8]; 4];
-        for k in 0..8 {
-            let s = &local.spheres[ids[k] as usize - local.planes.len()];
-            (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k]) = (s.c.x, s.c.y, s.c.z, s.r);
-        }
-        let sphere = LocalSphere { c: three::<S>(&lanes, 0), r: S::F64x8::load(&lanes[3]) };
-        shade::on_sphere(ray, &sphere, S::F64x8::load(inner), S::F64x8::load(own))
-    }
-
-    #[inline(always)]
-    fn triangles<S: Simd>(&self, ray: &Ray<S::F64x8>, ids: &[u32; 8]) -> SurfaceInteraction<S::F64x8> {
-        let prepared = &self.tracer.prepared;
-        let first = prepared.local.planes.len() + prepared.local.spheres.len();
-        let mut lanes = [[0.0; 8]; 9];
-        for k in 0..8 {
-            let t = prepared.local.triangle(&prepared.scene.triangles()[ids[k] as usize - first]);
-            for (c, v) in t.v.iter().enumerate() {
-                (lanes[3 * c][k], lanes[3 * c + 1][k], lanes[3 * c + 2][k]) = (v.x, v.y, v.z);
-            }
-        }
-        let v = [three::<S>(&lanes, 0), three::<S>(&lanes, 3), three::<S>(&lanes, 6)];
-        shade::on_triangle(ray, &LocalTriangle { v })
     }
 
     /// The picture's colour where ray `i` met it, `None` where f64 does not place it well enough.
@@ -243,9 +201,4 @@ impl Stage<'_> {
         }
         paths.count_mirrors(next);
     }
-}
-
-#[inline(always)]
-fn same(ids: &[u32; 8]) -> bool {
-    ids[1..].iter().all(|id| *id == ids[0])
 }

@@ -6,9 +6,11 @@
 
 pub(crate) mod exact;
 pub(crate) mod filter;
+mod interaction;
 
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};
+pub(crate) use interaction::{eight, interaction};
 
 /// n · P = h in local space.
 #[derive(Clone, Copy, Debug)]

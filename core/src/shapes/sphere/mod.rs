@@ -15,8 +15,11 @@
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
+mod interaction;
 
 use glam::DVec3;
+
+pub(crate) use interaction::{eight, giant_interaction, interaction};
 
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};

@@ -20,9 +20,11 @@
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
+mod interaction;
 
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};
+pub(crate) use interaction::{eight, interaction};
 
 /// Corners in local space, each within 2u·V of the real ones.
 #[derive(Clone, Copy, Debug)]
