@@ -5,7 +5,7 @@ mod double_double;
 mod path;
 mod refine;
 mod shade;
-pub(crate) mod texture;
+mod texels;
 mod wave;
 
 use std::sync::Arc;
@@ -18,11 +18,12 @@ use crate::film::transfer::to_linear;
 use crate::film::{GRID, PlanePoint};
 use crate::scene::{Pigment, TextureId};
 use crate::settings::{Sampling, Settings};
+use crate::shapes::texture::{self, Mapping};
 use crate::shapes::{ObjectId, kind};
 use crate::simd::{Level, dispatch};
 use crate::traverse::PreparedScene;
 use camera::Frame;
-use texture::{Mapping, Texels};
+use texels::Texels;
 use wave::Wave;
 pub(crate) use wave::WaveScratch;
 

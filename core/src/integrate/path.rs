@@ -4,11 +4,12 @@ use glam::DVec3;
 
 use super::refine::{Case, Refined, Refiner};
 use super::shade;
-use super::{RayCounts, Refinement, Sample, Tracer, texture};
+use super::texels::TEXEL;
+use super::{RayCounts, Refinement, Sample, Tracer};
 use crate::film::PlanePoint;
 use crate::numeric::{U, V3};
 use crate::scene::Pigment;
-use crate::shapes::{Decision, Kind, Ray, SurfaceInteraction, kind, plane, sphere, triangle};
+use crate::shapes::{Decision, Kind, Ray, SurfaceInteraction, kind, plane, sphere, texture, triangle};
 use crate::traverse::{Closest, Occluded, Scratch};
 
 /// Memory of a thread that traces paths.
@@ -75,7 +76,7 @@ impl Tracer {
                 let size = f64::from(picture_data.width().max(picture_data.height()));
                 let (mut uv, e) =
                     texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &interaction, &ray);
-                if refines && refined.is_none() && !(e * size <= texture::TEXEL) {
+                if refines && refined.is_none() && !(e * size <= TEXEL) {
                     refined = refiner.interaction(&case, decision, throughput, goes_on);
                 }
                 if let Some(Refined { hit: Some(hit), .. }) = &refined {

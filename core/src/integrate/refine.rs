@@ -2,13 +2,13 @@
 
 use glam::{DVec2, DVec3};
 
+use super::Tracer;
 use super::double_double::DoubleDoublePath;
-use super::{Tracer, texture};
 use crate::exact::{self, CameraPath, Point, Proof};
 use crate::film::PlanePoint;
 use crate::numeric::{U, Unsure, V3, Vector};
 use crate::shapes::exact::{ExactHit, ExactRay, FIRST, LAST};
-use crate::shapes::{Decision, ObjectId, SurfaceInteraction};
+use crate::shapes::{Decision, ObjectId, SurfaceInteraction, sphere, texture};
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {
@@ -168,7 +168,7 @@ impl Hit {
         let uv = match pictured.then(|| texture::exact_coordinates(scene, &tracer.mappings, hit)) {
             Some(Err(Unsure)) => {
                 let (proof, point) = proof.ok_or(Unsure)?;
-                texture::pole(proof.at_pole(point, self.met)?)
+                sphere::texture::pole(proof.at_pole(point, self.met)?)
             }
             Some(Ok(uv)) => uv,
             None => DVec2::ZERO,

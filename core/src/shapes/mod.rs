@@ -22,6 +22,7 @@ mod object;
 pub(crate) mod plane;
 mod ray;
 pub(crate) mod sphere;
+pub(crate) mod texture;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;

@@ -5,11 +5,12 @@ use glam::DVec3;
 use super::lanes::{Eight, Rays, SurfaceInteractions, eight_at_mut, load};
 use super::paths::Paths;
 use super::{Kinds, Stage};
+use crate::integrate::Refinement;
 use crate::integrate::shade;
-use crate::integrate::{Refinement, texture};
+use crate::integrate::texels::TEXEL;
 use crate::numeric::{Real, V3};
 use crate::scene::{Pigment, TextureId};
-use crate::shapes::{Decision, INSIDE, NONE, ObjectId, SurfaceInteraction, all_same, plane, sphere, triangle};
+use crate::shapes::{Decision, INSIDE, NONE, ObjectId, SurfaceInteraction, all_same, plane, sphere, texture, triangle};
 use crate::simd::{F64x8, Simd, three};
 use crate::traverse::PreparedScene;
 
@@ -142,7 +143,7 @@ impl Stage<'_> {
         let (uv, e) = texture::coordinates(scene, &tracer.prepared.local, &tracer.mappings, met, &interaction, &ray);
         let data = &scene.textures()[picture.0 as usize];
         let size = f64::from(data.width().max(data.height()));
-        let fine = e * size <= texture::TEXEL || tracer.refinement == Refinement::Off;
+        let fine = e * size <= TEXEL || tracer.refinement == Refinement::Off;
         fine.then(|| tracer.picture_color(picture, uv, met.id))
     }
 

@@ -7,6 +7,7 @@
 pub(crate) mod exact;
 pub(crate) mod filter;
 mod interaction;
+pub(crate) mod texture;
 
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};

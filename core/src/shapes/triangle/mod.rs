@@ -21,6 +21,7 @@ pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
 mod interaction;
+pub(crate) mod texture;
 
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};
