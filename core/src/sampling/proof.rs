@@ -6,14 +6,16 @@
 
 use glam::DVec3;
 
-use crate::beam::cover::{self, Cover, Depth, Outline};
+use crate::beam::cover::{Cover, Depth};
 use crate::beam::gather::{Pyramid, gather};
 use crate::beam::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
 use crate::film::PlanePoint;
 use crate::integrate::Tracer;
 use crate::scene::Pigment;
-use crate::shapes::{Kind, ObjectId, kind};
+use crate::shapes::triangle::beam::Outline;
+use crate::shapes::{Kind, ObjectId, kind, plane, sphere, triangle};
 use crate::simd::{Kernel, Simd};
+use crate::traverse::PreparedScene;
 
 use super::coverage::Shapes;
 use super::shadows::{APART, Group, Receiver};
@@ -363,29 +365,24 @@ impl<'a> View<'a> {
 /// The plane n · P = h that a flat object lies in, n of length 1; none of a sphere.
 #[inline(always)]
 pub(super) fn supporting_plane(tracer: &Tracer, id: u32) -> Option<(DVec3, f64)> {
-    let prepared = tracer.prepared();
-    match kind(&prepared.scene, ObjectId(id)) {
+    let PreparedScene { scene, local, .. } = tracer.prepared();
+    match kind(scene, ObjectId(id)) {
         Kind::Sphere(_) => None,
-        Kind::Plane(i) => Some((prepared.local.planes[i].n.to_dvec3(), prepared.local.planes[i].h)),
-        Kind::Triangle(i) => {
-            let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-            let n = (v[1] - v[0]).cross(v[2] - v[0]);
-            let n = n * (1.0 / n.length());
-            Some((n, n.dot(v[0])))
-        }
+        Kind::Plane(i) => Some((local.planes[i].n.to_dvec3(), local.planes[i].h)),
+        Kind::Triangle(i) => Some(triangle::beam::supporting_plane(&local.triangle(&scene.triangles()[i]).corners())),
     }
 }
 
 /// What object `id` is to a tile under a lens.
 #[inline(always)]
 pub(crate) fn object(tracer: &Tracer, id: u32, lens: &Lens, tile: &Tile) -> (Cover, Option<([DVec3; 3], Outline)>) {
-    let prepared = tracer.prepared();
-    match kind(&prepared.scene, ObjectId(id)) {
-        Kind::Plane(i) => (cover::plane(&prepared.local.planes[i], lens, tile), None),
-        Kind::Sphere(i) => (cover::sphere(&prepared.local.spheres[i], lens, tile), None),
+    let PreparedScene { scene, local, .. } = tracer.prepared();
+    match kind(scene, ObjectId(id)) {
+        Kind::Plane(i) => (plane::beam::cover(&local.planes[i], lens, tile), None),
+        Kind::Sphere(i) => (sphere::beam::cover(&local.spheres[i], lens, tile), None),
         Kind::Triangle(i) => {
-            let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-            let (cover, outline) = cover::triangle(&v, lens, tile);
+            let v = local.triangle(&scene.triangles()[i]).corners();
+            let (cover, outline) = triangle::beam::cover(&v, lens, tile);
             (cover, outline.map(|o| (v, o)))
         }
     }

@@ -5,7 +5,8 @@ use glam::DVec3;
 use crate::beam::cover::{Depth, Shape};
 use crate::beam::gather::{Shaft, gather};
 use crate::beam::lens::{MARGIN, Pixels, Tile, pixels_above, row};
-use crate::shapes::{Kind, ObjectId, kind};
+use crate::shapes::{Kind, ObjectId, kind, sphere, triangle};
+use crate::traverse::PreparedScene;
 
 use super::coverage::Shapes;
 use super::proof::{Doubt, MIDDLE, View, object, open, supporting_plane};
@@ -138,9 +139,9 @@ impl View<'_> {
 
     #[inline(always)]
     fn surface(&self, receiver: &Receiver) -> Surface {
-        let prepared = self.tracer.prepared();
-        let corners = match kind(&prepared.scene, ObjectId(receiver.id)) {
-            Kind::Triangle(i) => Some(prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3())),
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let corners = match kind(scene, ObjectId(receiver.id)) {
+            Kind::Triangle(i) => Some(local.triangle(&scene.triangles()[i]).corners()),
             _ => None,
         };
         Surface { receiver: *receiver, flat: self.flat(receiver.id), corners, albedo: self.albedo(receiver) }
@@ -149,34 +150,13 @@ impl View<'_> {
     /// Object `id` as what may stand between `light` and points of the hull; none where it surely does not.
     #[inline(always)]
     fn blocker(&self, id: u32, hull: &[DVec3; 8], light: DVec3, shaft: &Shaft) -> Option<Blocker> {
-        let prepared = self.tracer.prepared();
-        let body = match kind(&prepared.scene, ObjectId(id)) {
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let body = match kind(scene, ObjectId(id)) {
             Kind::Plane(_) => return None,
-            Kind::Sphere(i) => {
-                let (c, r) = (prepared.local.spheres[i].center(), prepared.local.spheres[i].r);
-                if !shaft.meets_ball(c, r) {
-                    return None;
-                }
-                Body::Ball(c, r)
-            }
+            Kind::Sphere(i) => Body::Sphere(sphere::beam::Blocker::new(&local.spheres[i], shaft)?),
             Kind::Triangle(i) => {
-                let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-                let center = (v[0] + v[1] + v[2]) * (1.0 / 3.0);
-                let radius = (v[0] - center).length().max((v[1] - center).length()).max((v[2] - center).length());
-                if !shaft.meets_ball(center, radius) {
-                    return None;
-                }
-                let n = (v[1] - v[0]).cross(v[2] - v[0]);
-                let size = v[0].length().max(v[1].length()).max(v[2].length());
-                let slack = 1e3 * MARGIN * n.length() * (size + light.length());
-                let of_light = n.dot(light - v[0]);
-                // Turned so that the light is on its upper side.
-                let n = if of_light < 0.0 { -n } else { n };
-                let sided = of_light.abs() > slack;
-                if sided && hull.iter().all(|p| n.dot(*p - v[0]) >= -slack) {
-                    return None;
-                }
-                Body::Triangle { v, n, size, slack: if sided { slack } else { f64::NEG_INFINITY } }
+                let v = local.triangle(&scene.triangles()[i]).corners();
+                Body::Triangle(triangle::beam::Blocker::new(v, hull, light, shaft)?)
             }
         };
         Some(Blocker { id, body })
@@ -310,35 +290,19 @@ struct Blocker {
 }
 
 enum Body {
-    Ball(DVec3, f64),
-    /// A normal towards the light, the corners' greatest distance from the origin, and what a product with the
-    /// normal may be below 0 by rounding; negative infinity where the light's side is not sure.
-    Triangle {
-        v: [DVec3; 3],
-        n: DVec3,
-        size: f64,
-        slack: f64,
-    },
+    Sphere(sphere::beam::Blocker),
+    Triangle(triangle::beam::Blocker),
 }
 
 impl Blocker {
     /// Whether it is behind a flat surface, or has all of a triangle on the light's side.
     #[inline(always)]
     fn is_harmless(&self, surface: &Surface) -> bool {
-        let margin = 1e3 * MARGIN;
-        match (&self.body, surface.flat) {
-            (Body::Ball(c, r), Some(f)) => f.n.dot(*c) + r <= f.h + margin * (f.h.abs() + c.length() + r),
-            (Body::Ball(..), None) => false,
-            (Body::Triangle { v, n, size, slack }, flat) => {
-                if let Some(f) = flat {
-                    let most = f.n.dot(v[0]).max(f.n.dot(v[1])).max(f.n.dot(v[2]));
-                    if most <= f.h + margin * (f.h.abs() + size) {
-                        return true;
-                    }
-                }
-                let Some(c) = surface.corners else { return false };
-                let least = n.dot(c[0] - v[0]).min(n.dot(c[1] - v[0])).min(n.dot(c[2] - v[0]));
-                *slack >= 0.0 && least >= -slack
+        let flat = surface.flat.map(|f| (f.n, f.h));
+        match &self.body {
+            Body::Sphere(body) => flat.is_some_and(|flat| body.is_behind(flat)),
+            Body::Triangle(body) => {
+                flat.is_some_and(|flat| body.is_behind(flat)) || surface.corners.is_some_and(|c| body.is_beyond(&c))
             }
         }
     }

@@ -12,6 +12,7 @@
 //! 1.01·ed·m at the centre. Together δ = eo + 4u·|o| + m(1.1·ed + 10u) bounds the error of |q|.
 //! Then h² = r² − |q|² is off by at most δ(2r + 3δ) + 8u·r².
 
+pub(crate) mod beam;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;

@@ -17,11 +17,14 @@
 //! 6u·S³/|N| inside the triangle, the corners by 2·pos, so that t is off by at most
 //! (3·pos·|N| + 12u·S³)/|N·d|.
 
+pub(crate) mod beam;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
 mod interaction;
 pub(crate) mod texture;
+
+use glam::DVec3;
 
 use super::{Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};
@@ -31,6 +34,12 @@ pub(crate) use interaction::{eight, interaction};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LocalTriangle<R = f64> {
     pub(crate) v: [V3<R>; 3],
+}
+
+impl LocalTriangle {
+    pub(crate) fn corners(&self) -> [DVec3; 3] {
+        self.v.map(|v| v.to_dvec3())
+    }
 }
 
 /// All that a test and a shading point need of one ray and one triangle.
