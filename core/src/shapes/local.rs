@@ -5,9 +5,8 @@ use rayon::prelude::*;
 
 use super::object::{Kind, ObjectId, kind};
 use crate::numeric::predicates::Exact;
-use crate::numeric::{Big, DoubleDouble, U, V3, Vector};
+use crate::numeric::{Big, DoubleDouble, V3, Vector};
 use crate::scene::{Plane, PlanePosition, Scene, Sphere, Triangle};
-use crate::shapes::Aabb;
 use crate::shapes::plane::LocalPlane;
 use crate::shapes::sphere::LocalSphere;
 use crate::shapes::triangle::LocalTriangle;
@@ -190,18 +189,6 @@ impl Local {
                 DoubleObject::Triangle(LocalTriangle { v: [start, other(b), other(c)] })
             }
         })
-    }
-
-    /// The box of a sphere, its rounding included.
-    pub(crate) fn sphere_box(s: &LocalSphere) -> Aabb {
-        Aabb { lo: s.center() - s.r, hi: s.center() + s.r }.padded(4.0 * U * (s.c.norm1() + s.r))
-    }
-
-    /// The box of a triangle, its rounding included.
-    pub(crate) fn triangle_box(t: &LocalTriangle) -> Aabb {
-        let b = t.v.iter().fold(Aabb::EMPTY, |b, v| b.around(v.to_dvec3()));
-        let v = t.v[0].norm1().max(t.v[1].norm1()).max(t.v[2].norm1());
-        b.padded(4.0 * U * v)
     }
 }
 

@@ -15,6 +15,7 @@
 mod aabb;
 pub(crate) mod exact;
 pub(crate) mod filter;
+mod giant;
 pub(crate) mod integers;
 mod interaction;
 pub(crate) mod local;

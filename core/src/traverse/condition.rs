@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::coplanar::SharedPlanes;
 use super::prepared::PreparedScene;
 use crate::bvh::Boxes;
+use crate::shapes::triangle;
 
 /// A prepared scene's numerical condition. Lengths are in scene units, to f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,12 +45,7 @@ impl PreparedScene {
         let scene = self.scene();
         let world = |x: f64| crate::shapes::local::ldexp(x, self.local.power);
         let triangle = |t: &crate::scene::Triangle| {
-            let v = self.local.triangle(t).v;
-            let edges = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];
-            let longest = edges.iter().map(|e| e.dot(*e)).fold(0.0, f64::max).sqrt();
-            let area = edges[0].cross(edges[1]);
-            // Twice the area over the longest side is the height.
-            let sliver = area.dot(area).sqrt() < 1e-6 * longest * longest;
+            let (longest, sliver) = triangle::bounds::length(&self.local.triangle(t));
             (longest, longest, usize::from(sliver))
         };
         let merge = |a: (f64, f64, usize), b: (f64, f64, usize)| (a.0.min(b.0), a.1.max(b.1), a.2 + b.2);

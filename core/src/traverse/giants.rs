@@ -2,11 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use glam::DVec3;
-
-use crate::numeric::{Big, V3, Vector};
 use crate::scene::Scene;
-use crate::shapes::plane::LocalPlane;
 use crate::shapes::sphere::giant::GiantSphere;
 use crate::shapes::triangle::giant::GiantTriangle;
 use crate::shapes::{Aabb, Kind, Local, ObjectId, kind};
@@ -17,11 +13,6 @@ const RATIO: f64 = 512.0;
 const LEAST: f64 = 1.0 / 256.0;
 /// So many of each kind are kept at most, for every packet meets them all.
 const MOST: usize = 32;
-/// Limbs in which they are found.
-const WIDE: usize = 24;
-/// What is this many bits below its terms may be nothing.
-const LOST: i64 = 1000;
-
 /// The giants of a scene, by rising id.
 #[derive(Debug, Default)]
 pub(crate) struct Giants {
@@ -60,13 +51,16 @@ impl Giants {
         // The largest beside their distance; ids make the order one.
         candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         candidates.truncate(4 * MOST);
+        let eye = scene.camera().location();
         for (_, id) in candidates {
             match kind(scene, ObjectId(id)) {
                 Kind::Sphere(i) if giants.spheres.len() < MOST && kept[1].contains(&id) => {
-                    giants.spheres.extend(sphere(scene, local, i).map(|s| (id, s)));
+                    giants.spheres.extend(GiantSphere::new(&scene.spheres()[i], eye, local.power).map(|s| (id, s)));
                 }
                 Kind::Triangle(i) if giants.triangles.len() < MOST && kept[0].contains(&id) => {
-                    giants.triangles.extend(triangle(scene, local, i).map(|t| (id, t)));
+                    giants
+                        .triangles
+                        .extend(GiantTriangle::new(&scene.triangles()[i], eye, local.power).map(|t| (id, t)));
                 }
                 _ => {}
             }
@@ -87,59 +81,4 @@ impl Giants {
         let at = self.triangles.binary_search_by_key(&id, |(id, _)| *id).ok()?;
         Some(&self.triangles[at].1)
     }
-}
-
-/// `x` to the nearest f64, `None` where its digits may be lost beside `terms` or it is beyond f64's normal numbers.
-fn known(x: &Big<WIDE>, terms: i64) -> Option<f64> {
-    if x.is_zero() || x.exponent() < terms - LOST {
-        return None;
-    }
-    let rounded = x.to_f64();
-    (rounded.is_finite() && rounded.abs() > 1e-200).then_some(rounded)
-}
-
-/// The components of `v`, of which those next to nothing become 0.
-fn vector(v: &Vector<WIDE>) -> V3<f64> {
-    let all = v.to_f64();
-    let least = 1e-250 * all.abs().max_element();
-    V3::splat(DVec3::from_array(all.to_array().map(|x| if x.abs() < least { 0.0 } else { x })))
-}
-
-fn sphere(scene: &Scene, local: &Local, i: usize) -> Option<GiantSphere> {
-    let (s, eye) = (&scene.spheres()[i], Vector::<WIDE>::new(scene.camera().location()));
-    let (c, r) = (Vector::<WIDE>::new(s.center) - eye, Big::<WIDE>::new(s.radius));
-    let (cc, rr, power) = (c.dot(&c), r * r, i64::from(local.power));
-    let twice = r.scale(1);
-    let k = (cc - rr).over(twice);
-    // The eye is as near as a giant's has to be.
-    let near = known(&k, rr.exponent() - r.exponent())?;
-    if k.exponent() > r.exponent() - 9 {
-        return None;
-    }
-    let q = known(&twice.reciprocal().scale(power), i64::MIN + LOST)?;
-    let k = known(&k.scale(-power), i64::MIN + LOST)?;
-    (near != 0.0).then(|| GiantSphere { m: vector(&-(c * r.reciprocal())), q, k })
-}
-
-fn triangle(scene: &Scene, local: &Local, i: usize) -> Option<GiantTriangle> {
-    let t = &scene.triangles()[i];
-    let [a, b, c] = t.written.map(Vector::<WIDE>::new);
-    let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
-    let a = a - Vector::new(scene.camera().location());
-    let (n, power) = (e1.cross(&e2), i64::from(local.power));
-    let nn = n.dot(&n);
-    let terms = e1.exponent() + e2.exponent();
-    if nn.is_zero() || n.exponent() < terms - LOST {
-        return None;
-    }
-    let unit = n * nn.sqrt().reciprocal();
-    let h = unit.dot(&a);
-    let h = known(&h, a.exponent()).and_then(|_| known(&h.scale(-power), i64::MIN + LOST))?;
-    let (u, v) = (e2.cross(&n) * nn.reciprocal(), n.cross(&e1) * nn.reciprocal());
-    // Next to nothing is nothing beside a weight of 1.
-    let weight = |u: &Vector<WIDE>| known(&-u.dot(&a), u.exponent() + a.exponent()).unwrap_or(0.0);
-    let (u0, v0) = (weight(&u), weight(&v));
-    let (u, v) = (vector(&u.scale(power)), vector(&v.scale(power)));
-    let sound = u.norm1() + v.norm1() < 1e100 && u0.abs() + v0.abs() < 1e100;
-    sound.then(|| GiantTriangle { plane: LocalPlane { n: vector(&unit), h }, u, u0, v, v0 })
 }

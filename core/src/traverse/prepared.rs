@@ -10,10 +10,9 @@ use super::coplanar::Coplanar;
 use super::filter::Filter;
 use super::giants::{Candidates, Giants};
 use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
-use crate::numeric::zero_area;
 use crate::scene::Scene;
 use crate::shapes::plane::exact::ExactPlanes;
-use crate::shapes::{Aabb, Kind, Local, ObjectId, kind};
+use crate::shapes::{Aabb, Kind, Local, ObjectId, kind, sphere, triangle};
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -97,17 +96,9 @@ fn grows(b: &Aabb) -> bool {
 /// document is what is met where either is, at the very same distance, so that the other never matters.
 fn coincide(scene: &Scene, a: ObjectId, b: ObjectId) -> bool {
     match (kind(scene, a), kind(scene, b)) {
-        (Kind::Sphere(i), Kind::Sphere(j)) => {
-            let (a, b) = (&scene.spheres()[i], &scene.spheres()[j]);
-            a.center == b.center && a.radius == b.radius
-        }
+        (Kind::Sphere(i), Kind::Sphere(j)) => sphere::bounds::coincide(&scene.spheres()[i], &scene.spheres()[j]),
         (Kind::Triangle(i), Kind::Triangle(j)) => {
-            let (a, b) = (&scene.triangles()[i], &scene.triangles()[j]);
-            match (a.exact_corners(), b.exact_corners()) {
-                (Some(a), Some(b)) => a.iter().all(|v| b.contains(v)) && b.iter().all(|v| a.contains(v)),
-                (None, None) => a.written == b.written,
-                _ => false,
-            }
+            triangle::bounds::coincide(&scene.triangles()[i], &scene.triangles()[j])
         }
         _ => false,
     }
@@ -119,9 +110,8 @@ fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(u32, &Aabb) 
     let (first, spheres) = (scene.planes().len(), local.spheres.len());
     let item = |i: usize| {
         let b = match i.checked_sub(spheres).map(|i| &scene.triangles()[i]) {
-            None => Local::sphere_box(&local.spheres[i]),
-            Some(t) if zero_area::is_zero(&t.written, t.by_sides()) => Aabb::EMPTY,
-            Some(t) => Local::triangle_box(&local.triangle(t)),
+            None => sphere::bounds::bounds(&local.spheres[i]),
+            Some(t) => triangle::bounds::bounds(t, local),
         };
         if b != Aabb::EMPTY {
             see((first + i) as u32, &b);

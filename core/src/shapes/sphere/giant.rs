@@ -10,7 +10,11 @@
 //! the start: C = F(o) is off by at most eo·G + 10u(q·o² + |m||o| + |k|), B = d·(2q·o + m) by
 //! |d|((ed + 8u)·G + 2q·eo), A = q·d² by 2.2·ed + 8u of itself.
 
-use crate::numeric::{Real, Scalar, TINY, V3};
+use glam::DVec3;
+
+use crate::numeric::{Big, Real, Scalar, TINY, V3, Vector};
+use crate::scene::Sphere;
+use crate::shapes::giant::{LOST, WIDE, known, vector};
 use crate::shapes::{Ray, Span};
 
 /// A sphere around the eye.
@@ -19,6 +23,25 @@ pub(crate) struct GiantSphere<R = f64> {
     pub(crate) m: V3<R>,
     pub(crate) q: R,
     pub(crate) k: R,
+}
+
+impl GiantSphere {
+    /// The sphere as it is around `eye`, in local space of this power; `None` where it is not a giant that f64 holds.
+    pub(crate) fn new(s: &Sphere, eye: DVec3, power: i32) -> Option<Self> {
+        let eye = Vector::<WIDE>::new(eye);
+        let (c, r) = (Vector::<WIDE>::new(s.center) - eye, Big::<WIDE>::new(s.radius));
+        let (cc, rr, power) = (c.dot(&c), r * r, i64::from(power));
+        let twice = r.scale(1);
+        let k = (cc - rr).over(twice);
+        // The eye is as near as a giant's has to be.
+        let near = known(&k, rr.exponent() - r.exponent())?;
+        if k.exponent() > r.exponent() - 9 {
+            return None;
+        }
+        let q = known(&twice.reciprocal().scale(power), i64::MIN + LOST)?;
+        let k = known(&k.scale(-power), i64::MIN + LOST)?;
+        (near != 0.0).then(|| Self { m: vector(&-(c * r.reciprocal())), q, k })
+    }
 }
 
 /// A line and a sphere: A·t² + 2B·t + C with B halved, and bounds.

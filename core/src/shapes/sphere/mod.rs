@@ -13,6 +13,7 @@
 //! Then h² = r² − |q|² is off by at most δ(2r + 3δ) + 8u·r².
 
 pub(crate) mod beam;
+pub(crate) mod bounds;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;

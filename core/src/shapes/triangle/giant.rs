@@ -8,7 +8,11 @@
 //! **Bound.** Every number here is within u of itself. The plane is one of [`crate::shapes::plane`]; a point that is
 //! off by ep has weights that are off by (|u| + |v|)·ep + 8u((|u| + |v|)|P| + |u0| + |v0| + 1).
 
-use crate::numeric::{Real, TINY, V3};
+use glam::DVec3;
+
+use crate::numeric::{Real, TINY, V3, Vector};
+use crate::scene::Triangle;
+use crate::shapes::giant::{LOST, WIDE, known, vector};
 use crate::shapes::plane::{self, LocalPlane};
 use crate::shapes::{Ray, Span};
 
@@ -20,6 +24,31 @@ pub(crate) struct GiantTriangle {
     pub(crate) u0: f64,
     pub(crate) v: V3<f64>,
     pub(crate) v0: f64,
+}
+
+impl GiantTriangle {
+    /// The triangle as it is around `eye`, in local space of this power; `None` where f64 does not hold it.
+    pub(crate) fn new(t: &Triangle, eye: DVec3, power: i32) -> Option<Self> {
+        let [a, b, c] = t.written.map(Vector::<WIDE>::new);
+        let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
+        let a = a - Vector::new(eye);
+        let (n, power) = (e1.cross(&e2), i64::from(power));
+        let nn = n.dot(&n);
+        let terms = e1.exponent() + e2.exponent();
+        if nn.is_zero() || n.exponent() < terms - LOST {
+            return None;
+        }
+        let unit = n * nn.sqrt().reciprocal();
+        let h = unit.dot(&a);
+        let h = known(&h, a.exponent()).and_then(|_| known(&h.scale(-power), i64::MIN + LOST))?;
+        let (u, v) = (e2.cross(&n) * nn.reciprocal(), n.cross(&e1) * nn.reciprocal());
+        // Next to nothing is nothing beside a weight of 1.
+        let weight = |u: &Vector<WIDE>| known(&-u.dot(&a), u.exponent() + a.exponent()).unwrap_or(0.0);
+        let (u0, v0) = (weight(&u), weight(&v));
+        let (u, v) = (vector(&u.scale(power)), vector(&v.scale(power)));
+        let sound = u.norm1() + v.norm1() < 1e100 && u0.abs() + v0.abs() < 1e100;
+        sound.then(|| Self { plane: LocalPlane { n: vector(&unit), h }, u, u0, v, v0 })
+    }
 }
 
 /// Where the ray surely meets the triangle or surely does not; `Err` where these numbers do not tell.

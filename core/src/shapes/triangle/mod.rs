@@ -18,6 +18,7 @@
 //! (3·pos·|N| + 12u·S³)/|N·d|.
 
 pub(crate) mod beam;
+pub(crate) mod bounds;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
