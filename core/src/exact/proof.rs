@@ -13,59 +13,18 @@ use std::cmp::Ordering;
 use glam::DVec3;
 
 use crate::numeric::{Ball, Balls, Bound, Roots, Unsure, Vector};
-use crate::scene::{PlanePosition, Scene};
+use crate::scene::Scene;
 use crate::settings::View;
 use crate::shapes::exact::ExactHit;
 use crate::shapes::integers::{direction, lengths, to_integers};
-use crate::shapes::{Decision, Kind, ObjectId, kind, surface_and_order};
-
-/// A distance along a line: num / den, and both over the line's w.
-#[derive(Clone, Copy)]
-struct Along<const N: usize> {
-    num: Ball<N>,
-    /// Above zero.
-    den: Ball<N>,
-}
-
-impl<const N: usize> Along<N> {
-    fn compare(&self, o: &Self) -> Result<Ordering, Unsure> {
-        Ok((self.num * o.den - o.num * self.den).sign()?.cmp(&0))
-    }
-}
-
-/// A ray from X/w along d.
-#[derive(Clone, Copy)]
-struct Line<const N: usize> {
-    x: Balls<N>,
-    /// Above zero.
-    w: Ball<N>,
-    d: Balls<N>,
-    /// The surface it starts on.
-    from: Option<Decision>,
-}
+use crate::shapes::proof::{Along, Line, Spot};
+use crate::shapes::{Decision, Kind, ObjectId, kind, plane, sphere, surface_and_order, triangle};
 
 /// A point X/w, and the normal there.
 pub(crate) struct Point<const N: usize> {
     x: Balls<N>,
     w: Ball<N>,
     n: Balls<N>,
-}
-
-/// A point X/w of a surface, and a normal there of the square nn: outward or upward, not turned to the ray.
-struct Spot<const N: usize> {
-    x: Balls<N>,
-    w: Ball<N>,
-    n: Balls<N>,
-    nn: Ball<N>,
-    turned: bool,
-    decision: Decision,
-}
-
-/// A plane or triangle before a line.
-struct Flat<const N: usize> {
-    n: Balls<N>,
-    num: Ball<N>,
-    den: Ball<N>,
 }
 
 /// A path from the camera, as far as it is decided.
@@ -223,134 +182,27 @@ impl<'a, const N: usize> Proof<'a, N> {
         Ok((hit, d, Point { x: spot.x, w: spot.w, n: spot.n }))
     }
 
-    fn flat(&mut self, id: ObjectId) -> Flat<N> {
-        let Line { x, w, d, .. } = self.line;
-        match kind(self.scene, id) {
-            Kind::Triangle(i) => {
-                let [a, e1, e2] = self.triangle(i);
-                let n = e1.cross(&e2);
-                Flat { n, num: n.dot(&(a * w - x)), den: n.dot(&d) }
-            }
-            Kind::Plane(i) | Kind::Sphere(i) => {
-                let plane = &self.scene.planes()[i];
-                let n = direction(plane.normal);
-                let offset = match plane.position {
-                    PlanePosition::Point(q) => n.dot(&Balls::scaled(q, self.scale)),
-                    PlanePosition::Distance(h) => Ball::scaled(h, self.scale) * n.dot(&n).sqrt(&mut self.roots),
-                };
-                Flat { n, num: offset * w - n.dot(&x), den: n.dot(&d) }
-            }
-        }
-    }
-
-    /// A triangle's first corner and its sides.
-    fn triangle(&self, i: usize) -> [Balls<N>; 3] {
-        let t = &self.scene.triangles()[i];
-        let [a, b, c] = t.written.map(|v| Balls::scaled(v, self.scale));
-        if t.by_sides() { [a, b, c] } else { [a, b - a, c - a] }
-    }
-
     /// Where the line first meets object `id`, and whether that is a sphere's inner side.
     fn intersect(&mut self, id: ObjectId) -> Result<Option<(Along<N>, bool)>, Unsure> {
-        let own = self.line.from.filter(|f| f.id == id);
-        if let Kind::Sphere(i) = kind(self.scene, id) {
-            return match own {
-                Some(own) if !own.inside => Ok(None),
-                own => self.intersect_sphere(i, own),
-            };
+        let Self { scene, scale, roots, line } = self;
+        let own = line.from.filter(|f| f.id == id);
+        match kind(scene, id) {
+            // A line meets a flat surface once.
+            Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
+            Kind::Plane(i) => plane::proof::intersect(line, &scene.planes()[i], *scale, roots),
+            Kind::Triangle(i) => triangle::proof::intersect(line, &scene.triangles()[i], *scale),
+            Kind::Sphere(i) => sphere::proof::intersect(line, &scene.spheres()[i], own, *scale, roots),
         }
-        if own.is_some() {
-            return Ok(None);
-        }
-        let flat = self.flat(id);
-        let mut weights = [Ok(0); 3];
-        if let Kind::Triangle(i) = kind(self.scene, id) {
-            let [a, e1, e2] = self.triangle(i);
-            let Line { x, w, d, .. } = self.line;
-            let q = (a * w - x).cross(&d);
-            let (b1, b2) = (e2.dot(&q), -e1.dot(&q));
-            weights = [flat.den * w - b1 - b2, b1, b2].map(|b| b.sign());
-            let sure = |s: i32| weights.iter().any(|w| matches!(w, Ok(x) if *x == s));
-            if sure(1) && sure(-1) {
-                return Ok(None);
-            }
-        }
-        let ahead = flat.num.sign();
-        if matches!(ahead, Ok(0)) {
-            return Ok(None);
-        }
-        let leans = flat.den.sign()?;
-        if leans == 0 || ahead? * leans < 0 {
-            return Ok(None);
-        }
-        for weight in weights {
-            if weight? * leans < 0 {
-                return Ok(None);
-            }
-        }
-        Ok(Some((flat.along(leans), false)))
-    }
-
-    /// a·t² + 2b·t + c = 0 for the sphere's centre and the line, t over the line's w: OC, a, b, c.
-    fn chord(&self, i: usize) -> (Ball<N>, Ball<N>, Ball<N>) {
-        let Line { x, w, d, .. } = self.line;
-        let sphere = &self.scene.spheres()[i];
-        let oc = x - Balls::scaled(sphere.center, self.scale) * w;
-        let r = Ball::scaled(sphere.radius, self.scale) * w;
-        (d.dot(&d), oc.dot(&d), oc.dot(&oc) - r * r)
-    }
-
-    fn intersect_sphere(&mut self, i: usize, own: Option<Decision>) -> Result<Option<(Along<N>, bool)>, Unsure> {
-        let (a, b, c) = self.chord(i);
-        let other = Along { num: -b.doubled(), den: a };
-        if own.is_some() {
-            return Ok(Some((other, true)));
-        }
-        Ok(match c.sign()? {
-            0 => (b.sign()? < 0).then_some((other, true)),
-            -1 => Some((Along { num: (b * b - a * c).sqrt(&mut self.roots) - b, den: a }, true)),
-            _ => {
-                // A line that misses may be square to the way to the centre.
-                let disc = b * b - a * c;
-                let cuts = disc.sign();
-                if matches!(cuts, Ok(-1)) || b.sign()? >= 0 {
-                    return Ok(None);
-                }
-                match cuts? {
-                    0 => Some((Along { num: -b, den: a }, false)),
-                    _ => Some((Along { num: -b - disc.sqrt(&mut self.roots), den: a }, false)),
-                }
-            }
-        })
     }
 
     /// The point where the line meets `met`, known to be what it meets.
     fn spot(&mut self, met: Decision) -> Result<Spot<N>, Unsure> {
-        let Line { x, w, d, from } = self.line;
-        let Kind::Sphere(i) = kind(self.scene, met.id) else {
-            let flat = self.flat(met.id);
-            let leans = flat.den.sign()?;
-            let Along { num, den } = flat.along(leans);
-            let n = flat.n;
-            return Ok(Spot { x: x * den + d * num, w: w * den, n, nn: n.dot(&n), turned: leans > 0, decision: met });
-        };
-        let (a, b, c) = self.chord(i);
-        let num = if from.is_some_and(|f| f.id == met.id) {
-            -b.doubled()
-        } else {
-            let disc = b * b - a * c;
-            let root = match disc.sign() {
-                Ok(s) if s <= 0 => Ball::ZERO,
-                // Of what is hardly above zero, the root is near zero as well.
-                _ => disc.sqrt(&mut self.roots),
-            };
-            if met.inside { root - b } else { -b - root }
-        };
-        let sphere = &self.scene.spheres()[i];
-        let (x, w) = (x * a + d * num, w * a);
-        let r = Ball::scaled(sphere.radius, self.scale) * w;
-        let n = x - Balls::scaled(sphere.center, self.scale) * w;
-        Ok(Spot { x, w, n, nn: r * r, turned: met.inside, decision: met })
+        let Self { scene, scale, roots, line } = self;
+        match kind(scene, met.id) {
+            Kind::Plane(i) => plane::proof::flat(line, &scene.planes()[i], *scale, roots).spot(line, met),
+            Kind::Triangle(i) => triangle::proof::flat(line, &scene.triangles()[i], *scale).spot(line, met),
+            Kind::Sphere(i) => Ok(sphere::proof::spot(line, &scene.spheres()[i], met, *scale, roots)),
+        }
     }
 }
 
@@ -420,19 +272,4 @@ impl Proving for Between<'_> {
 /// Whether one of `candidates` meets the open segment between two points; `None` where it is not found out.
 pub(super) fn is_between(scene: &Scene, ends: [DVec3; 2], candidates: &[ObjectId]) -> Option<bool> {
     prove(&Between { scene, ends, candidates })
-}
-
-impl<const N: usize> Flat<N> {
-    /// The distance, where the line leans as this sign says.
-    fn along(&self, leans: i32) -> Along<N> {
-        if leans < 0 { Along { num: -self.num, den: -self.den } } else { Along { num: self.num, den: self.den } }
-    }
-}
-
-impl<const N: usize> Spot<N> {
-    /// The ray along `d`, which met this, mirrored here.
-    fn reflect(&self, d: &Balls<N>) -> Line<N> {
-        let d = *d * self.nn - self.n * self.n.dot(d).doubled();
-        Line { x: self.x, w: self.w, d, from: Some(self.decision) }
-    }
 }

@@ -21,6 +21,7 @@ mod interaction;
 pub(crate) mod local;
 mod object;
 pub(crate) mod plane;
+pub(crate) mod proof;
 mod ray;
 pub(crate) mod sphere;
 pub(crate) mod texture;

@@ -8,6 +8,7 @@ pub(crate) mod beam;
 pub(crate) mod exact;
 pub(crate) mod filter;
 mod interaction;
+pub(crate) mod proof;
 pub(crate) mod texture;
 
 use super::{Ray, Span};

@@ -23,6 +23,7 @@ pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
 mod interaction;
+pub(crate) mod proof;
 pub(crate) mod texture;
 
 use glam::DVec3;
