@@ -8,6 +8,7 @@ mod double_double;
 pub mod predicates;
 mod quotient;
 mod real;
+mod residue;
 mod vector;
 pub mod zero_area;
 
@@ -16,6 +17,7 @@ pub use big::Big;
 pub(crate) use bound::Bound;
 pub(crate) use double_double::DoubleDouble;
 pub(crate) use real::{Real, Scalar, V3};
+pub(crate) use residue::Residue;
 pub use vector::Vector;
 
 /// The unit roundoff of f64, 2⁻⁵³.

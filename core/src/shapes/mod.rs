@@ -13,6 +13,7 @@
 //! (`exact`), never by a tolerance.
 
 mod aabb;
+pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod filter;
 mod giant;

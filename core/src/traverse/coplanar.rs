@@ -6,8 +6,6 @@
 //! them is in doubt, once each. Planes square to an axis are named by it and by where they cross it. Of others,
 //! equal ones have equal residues modulo a prime, by which they are found; that they are equal is then proven.
 
-mod residue;
-
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -15,11 +13,11 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use glam::DVec3;
 
 use super::prepared::PreparedScene;
-use crate::numeric::{Ball, Balls, Unsure, V3, zero_area};
-use crate::scene::{PlanePosition, Scene};
-use crate::shapes::integers::{direction, lengths, to_integers};
-use crate::shapes::{Decision, Kind, Local, ObjectId, kind};
-use residue::Residue;
+use crate::numeric::{Balls, Unsure, V3};
+use crate::scene::Scene;
+use crate::shapes::coplanar::FlatObject;
+use crate::shapes::integers::to_integers;
+use crate::shapes::{Decision, Local, ObjectId, triangle};
 
 /// The plane holds the eye.
 const EYE: u32 = 1 << 30;
@@ -59,11 +57,12 @@ impl Coplanar {
     pub(crate) fn new(scene: &Scene, local: &Local) -> Self {
         let flat = scene.planes().len() + scene.triangles().len();
         let mut planes = Vec::new();
-        for i in 0..scene.planes().len() as u32 {
+        for (i, plane) in scene.planes().iter().zip(&local.planes).enumerate() {
+            let plane = FlatObject::Plane(plane.0, plane.1);
             for (k, (&light, &at)) in scene.lights().iter().zip(&local.lights).enumerate() {
-                if !is_clearly_off(local, scene, ObjectId(i), at) && holds(scene, ObjectId(i), light) {
+                if !is_clearly_off(&plane, local, at) && holds(&plane, light) {
                     planes.resize_with(planes.len().max(k + 1), Vec::new);
-                    planes[k].push(i);
+                    planes[k].push(i as u32);
                 }
             }
         }
@@ -134,17 +133,21 @@ impl PreparedScene {
     #[cold]
     fn look_at_plane_of(&self, id: ObjectId) -> u32 {
         let scene = &*self.scene;
-        let axial = square_to_axis(scene, id);
-        let key = axial.unwrap_or_else(|| residues(scene, id));
+        let Some(object) = FlatObject::of(scene, &self.local, id) else { return 0 };
+        // A name of its own, that no residues are.
+        let axial = object.square_to_axis().map(|(axis, at)| [u64::MAX, axis as u64, (at + 0.0).to_bits(), 0]);
+        let key = axial.unwrap_or_else(|| object.residues());
         let mut known = self.coplanar.known.lock().unwrap_or_else(PoisonError::into_inner);
         let Known { planes, counts } = &mut *known;
         let same = planes.entry(key).or_default();
         let matters = || self.coplanar.matters.store(true, Ordering::Relaxed);
-        if let Some((facts, _)) = same.iter().find(|(_, other)| axial.is_some() || are_coplanar(scene, id, *other)) {
+        let is_in_one_plane =
+            |other| FlatObject::of(scene, &self.local, other).is_some_and(|other| are_coplanar(&object, &other));
+        if let Some((facts, _)) = same.iter().find(|(_, other)| axial.is_some() || is_in_one_plane(*other)) {
             matters();
             return *facts;
         }
-        let holds = |p: DVec3, local: DVec3| !is_clearly_off(&self.local, scene, id, local) && holds(scene, id, p);
+        let holds = |p: DVec3, local: DVec3| !is_clearly_off(&object, &self.local, local) && holds(&object, p);
         let mut bits = vec![0u64; scene.lights().len().div_ceil(64)];
         let mut lit = false;
         for (k, (&light, &local)) in scene.lights().iter().zip(&self.local.lights).enumerate() {
@@ -223,7 +226,7 @@ impl PreparedScene {
         let first = scene.planes().len() + scene.spheres().len();
         let triangles = (0..scene.triangles().len()).filter(|&i| {
             let t = &scene.triangles()[i];
-            !zero_area::is_zero(&t.written, t.by_sides())
+            !triangle::bounds::has_no_area(t)
         });
         let ids = (0..scene.planes().len()).chain(triangles.map(|i| first + i));
         let mut planes: HashMap<u32, usize> = HashMap::new();
@@ -243,142 +246,6 @@ impl PreparedScene {
     }
 }
 
-/// Which axis the plane of `id` is square to, and where it crosses that: a name of its own, that no residues are.
-fn square_to_axis(scene: &Scene, id: ObjectId) -> Option<[u64; 4]> {
-    let name = |axis: usize, at: f64| Some([u64::MAX, axis as u64, (at + 0.0).to_bits(), 0]);
-    match kind(scene, id) {
-        Kind::Plane(i) | Kind::Sphere(i) => {
-            let plane = &scene.planes()[i];
-            let n = plane.normal;
-            let axis = (0..3).find(|&k| (0..3).all(|j| (n[j] == 0.0) == (j != k)))?;
-            match plane.position {
-                PlanePosition::Point(q) => name(axis, q[axis]),
-                PlanePosition::Distance(d) => name(axis, if n[axis] < 0.0 { -d } else { d }),
-            }
-        }
-        Kind::Triangle(i) => {
-            let t = &scene.triangles()[i];
-            let [a, b, c] = t.written;
-            let level = |k: usize| if t.by_sides() { b[k] == 0.0 && c[k] == 0.0 } else { a[k] == b[k] && a[k] == c[k] };
-            let axis = (0..3).find(|&k| level(k))?;
-            name(axis, a[axis])
-        }
-    }
-}
-
-/// The normal's ratios and the offset's square over the normal's, which may be irrational itself.
-fn residues(scene: &Scene, id: ObjectId) -> [u64; 4] {
-    let of = |v: DVec3| v.to_array().map(Residue::of);
-    let dot = |a: [Residue; 3], b: [Residue; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let (n, square) = match kind(scene, id) {
-        Kind::Plane(i) | Kind::Sphere(i) => {
-            let plane = &scene.planes()[i];
-            let n = of(plane.normal);
-            match plane.position {
-                PlanePosition::Point(q) => (n, dot(n, of(q)) * dot(n, of(q))),
-                PlanePosition::Distance(d) => (n, Residue::of(d) * Residue::of(d) * dot(n, n)),
-            }
-        }
-        Kind::Triangle(i) => {
-            let t = &scene.triangles()[i];
-            let [a, b, c] = t.written.map(of);
-            let side = |v: [Residue; 3]| if t.by_sides() { v } else { [0, 1, 2].map(|k| v[k] - a[k]) };
-            let (u, v) = (side(b), side(c));
-            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-            (n, dot(n, a) * dot(n, a))
-        }
-    };
-    let pivot = n.into_iter().find(|x| x.0 != 0).unwrap_or(Residue(0)).inverse();
-    [n[0] * pivot, n[1] * pivot, n[2] * pivot, square * pivot * pivot].map(|r| r.0)
-}
-
-/// Whether rounding alone shows that `point` is not in the plane of `id`; both in local space.
-fn is_clearly_off(local: &Local, scene: &Scene, id: ObjectId, point: DVec3) -> bool {
-    let p = V3::splat(point);
-    let (distance, terms) = match kind(scene, id) {
-        Kind::Plane(i) | Kind::Sphere(i) => {
-            let plane = &local.planes[i];
-            (plane.n.dot(p) - plane.h, p.norm1() + plane.h.abs())
-        }
-        Kind::Triangle(i) => {
-            let [a, b, c] = local.triangle(&scene.triangles()[i]).v;
-            let reach = a.norm1() + b.norm1() + c.norm1() + p.norm1();
-            let (u, v) = (b - a, c - a);
-            (u.cross(v).dot(p - a), (u.norm1() + v.norm1()) * (u.norm1() + v.norm1() + reach) * reach)
-        }
-    };
-    distance.abs() > 1e-12 * terms && terms < 1e100 && distance.abs() > 1e-100
-}
-
-/// A plane n · P = offset in integers: the offset's sign and square.
-struct Flat<const N: usize> {
-    n: Balls<N>,
-    offset: Offset<N>,
-}
-
-enum Offset<const N: usize> {
-    Rational(Ball<N>),
-    /// Sign and square.
-    Root(i32, Ball<N>),
-}
-
-impl<const N: usize> Flat<N> {
-    fn new(scene: &Scene, id: ObjectId, scale: i64) -> Self {
-        match kind(scene, id) {
-            Kind::Plane(i) | Kind::Sphere(i) => {
-                let plane = &scene.planes()[i];
-                let n = direction(plane.normal);
-                let offset = match plane.position {
-                    PlanePosition::Point(q) => Offset::Rational(n.dot(&Balls::scaled(q, scale))),
-                    PlanePosition::Distance(d) => {
-                        let far = Ball::scaled(d, scale);
-                        Offset::Root(far.mid().signum(), far * far * n.dot(&n))
-                    }
-                };
-                Self { n, offset }
-            }
-            Kind::Triangle(i) => {
-                let t = &scene.triangles()[i];
-                let [a, b, c] = t.written.map(|v| Balls::scaled(v, scale));
-                let n = if t.by_sides() { b.cross(&c) } else { (b - a).cross(&(c - a)) };
-                Self { n, offset: Offset::Rational(n.dot(&a)) }
-            }
-        }
-    }
-
-    fn square(&self) -> Result<(i32, Ball<N>), Unsure> {
-        Ok(match &self.offset {
-            Offset::Rational(x) => (x.sign()?, *x * *x),
-            Offset::Root(sign, square) => (*sign, *square),
-        })
-    }
-
-    fn is(&self, o: &Self) -> Result<bool, Unsure> {
-        for c in self.n.cross(&o.n).0 {
-            if c.sign()? != 0 {
-                return Ok(false);
-            }
-        }
-        // A component that is not zero.
-        let Some(k) = (0..3).find(|&k| !matches!(self.n.0[k].sign(), Ok(0))) else { return Ok(false) };
-        let (a, b) = (self.n.0[k], o.n.0[k]);
-        if let (Offset::Rational(x), Offset::Rational(y)) = (&self.offset, &o.offset) {
-            return Ok((*x * b - *y * a).sign()? == 0);
-        }
-        let ((sign, square), (other_sign, other)) = (self.square()?, o.square()?);
-        Ok(sign * b.sign()? == other_sign * a.sign()? && (square * b * b - other * a * a).sign()? == 0)
-    }
-
-    fn holds(&self, p: &Balls<N>) -> Result<bool, Unsure> {
-        let at = self.n.dot(p);
-        if let Offset::Rational(x) = &self.offset {
-            return Ok((at - *x).sign()? == 0);
-        }
-        let (sign, square) = self.square()?;
-        Ok(at.sign()? == sign && (at * at - square).sign()? == 0)
-    }
-}
-
 /// The first certain answer, in wider and wider numbers: in the last nothing is rounded.
 macro_rules! exactly {
     ($n:ident => $e:expr) => {{
@@ -391,14 +258,20 @@ macro_rules! exactly {
     }};
 }
 
-fn are_coplanar(scene: &Scene, a: ObjectId, b: ObjectId) -> bool {
-    let scale = to_integers(lengths(scene, a).chain(lengths(scene, b)));
-    exactly!(N => Flat::<N>::new(scene, a, scale).is(&Flat::new(scene, b, scale)))
+/// Whether rounding alone shows that `point` is not in the plane of `object`; both in local space.
+fn is_clearly_off(object: &FlatObject<'_>, local: &Local, point: DVec3) -> bool {
+    let (distance, terms) = object.distance(local, V3::splat(point));
+    distance.abs() > 1e-12 * terms && terms < 1e100 && distance.abs() > 1e-100
 }
 
-fn holds(scene: &Scene, id: ObjectId, p: DVec3) -> bool {
-    let scale = to_integers(lengths(scene, id).chain(p.to_array()));
-    exactly!(N => Flat::<N>::new(scene, id, scale).holds(&Balls::scaled(p, scale)))
+fn are_coplanar(a: &FlatObject<'_>, b: &FlatObject<'_>) -> bool {
+    let scale = to_integers(a.lengths().chain(b.lengths()));
+    exactly!(N => a.in_integers::<N>(scale).is(&b.in_integers(scale)))
+}
+
+fn holds(object: &FlatObject<'_>, p: DVec3) -> bool {
+    let scale = to_integers(object.lengths().chain(p.to_array()));
+    exactly!(N => object.in_integers::<N>(scale).holds(&Balls::scaled(p, scale)))
 }
 
 #[cfg(test)]
@@ -406,7 +279,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::scene::{SceneBuilder, Surface};
+    use crate::scene::{PlanePosition, SceneBuilder, Surface};
 
     /// Planes by point, by distance and triangles, in any form and at any scale, are one plane where they are.
     #[test]

@@ -5,6 +5,7 @@
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
 pub(crate) mod beam;
+pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod filter;
 mod interaction;

@@ -19,6 +19,7 @@
 
 pub(crate) mod beam;
 pub(crate) mod bounds;
+pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;

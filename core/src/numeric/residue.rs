@@ -4,8 +4,8 @@
 const PRIME: u64 = (1 << 61) - 1;
 
 /// A number modulo [`PRIME`].
-#[derive(Clone, Copy, PartialEq)]
-pub(super) struct Residue(pub(super) u64);
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Residue(pub(crate) u64);
 
 impl Residue {
     fn new(x: u128) -> Self {
@@ -15,7 +15,7 @@ impl Residue {
     }
 
     /// Of a binary fraction: 2^61 is 1.
-    pub(super) fn of(x: f64) -> Self {
+    pub(crate) fn of(x: f64) -> Self {
         let bits = x.to_bits();
         let (biased, fraction) = (((bits >> 52) & 0x7ff) as i64, bits & ((1 << 52) - 1));
         let (mantissa, power) = if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
@@ -24,7 +24,7 @@ impl Residue {
     }
 
     /// 1 / self, by Fermat's little theorem; 0 of 0.
-    pub(super) fn inverse(self) -> Self {
+    pub(crate) fn inverse(self) -> Self {
         // The exponent, 2^61 − 3, has all bits but the second.
         let (mut power, mut result) = (self, self);
         for k in 1..61 {
