@@ -4,12 +4,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::object::{Kind, ObjectId, kind};
-use crate::numeric::predicates::Exact;
-use crate::numeric::{Big, DoubleDouble, V3, Vector};
-use crate::scene::{Plane, PlanePosition, Scene, Sphere, Triangle};
-use crate::shapes::plane::LocalPlane;
-use crate::shapes::sphere::LocalSphere;
-use crate::shapes::triangle::LocalTriangle;
+use super::plane::{self, LocalPlane};
+use super::sphere::{self, LocalSphere};
+use super::triangle::{self, LocalTriangle};
+use crate::numeric::{Big, DoubleDouble, V3};
+use crate::scene::{Scene, Triangle};
 use crate::simd::roomy;
 
 /// The scene's objects in local space, and the way there.
@@ -54,39 +53,19 @@ impl Local {
         let origin = scene.camera().location();
         // A quarter of everything, so that no difference overflows.
         let far = |v: DVec3| (v * 0.25 - origin * 0.25).abs().max_element();
-        let spheres = scene.spheres().par_iter().map(|s| far(s.center) + s.radius * 0.25).reduce(|| 0.0, f64::max);
-        let triangles = scene
-            .triangles()
-            .par_iter()
-            .map(|t| {
-                let [a, b, c] = t.written;
-                if t.by_sides() {
-                    far(a) + b.abs().max_element().max(c.abs().max_element()) * 0.25
-                } else {
-                    far(a).max(far(b)).max(far(c))
-                }
-            })
-            .reduce(|| 0.0, f64::max);
+        let spheres = scene.spheres().par_iter().map(|s| sphere::bounds::reach(s, far)).reduce(|| 0.0, f64::max);
+        let triangles = scene.triangles().par_iter().map(|t| triangle::bounds::reach(t, far)).reduce(|| 0.0, f64::max);
         let mut reach = spheres.max(triangles);
         if reach == 0.0 {
-            reach = scene
-                .planes()
-                .iter()
-                .map(|p| match p.position {
-                    PlanePosition::Point(q) => far(q),
-                    PlanePosition::Distance(d) => (d * 0.25).abs() + origin.abs().max_element() * 0.25,
-                })
-                .fold(0.0, f64::max);
+            let origin = origin.abs().max_element() * 0.25;
+            reach = scene.planes().iter().map(|p| plane::bounds::reach(p, far, origin)).fold(0.0, f64::max);
         }
         let power = if reach > 0.0 { exponent(reach) + 2 } else { 0 };
         let (half, rest) = (-power / 2, -power - -power / 2);
         let factors = [ldexp(1.0, half), ldexp(1.0, rest)];
         // Far below the overflow limit the difference is taken as it is, so that denormals stay exact.
         let everything = scene.lights().iter().map(|&l| far(l)).fold(reach, f64::max);
-        let points = scene.planes().iter().filter_map(|p| match p.position {
-            PlanePosition::Point(q) => Some(far(q)),
-            PlanePosition::Distance(_) => None,
-        });
+        let points = scene.planes().iter().filter_map(|p| plane::bounds::point(p).map(far));
         let quarters = points.fold(everything, f64::max) > 1e299 || origin.abs().max_element() > 1e299;
         let mut local = Self {
             origin,
@@ -99,11 +78,10 @@ impl Local {
             lights: Vec::new(),
             far_lights: false,
         };
-        local.double_planes = scene.planes().iter().map(|p| local.plane(p)).collect();
-        local.planes = local.double_planes.iter().map(|p| LocalPlane { n: p.n.to_f64(), h: p.h.hi }).collect();
-        let sphere = |s: &Sphere| LocalSphere { c: V3::splat(local.point(s.center)), r: ldexp(s.radius, -power) };
+        local.double_planes = scene.planes().iter().map(|p| LocalPlane::new(p, origin, power)).collect();
+        local.planes = local.double_planes.iter().map(|p| p.to_f64()).collect();
         let mut spheres = roomy(scene.spheres().len());
-        spheres.par_extend(scene.spheres().par_iter().map(sphere));
+        spheres.par_extend(scene.spheres().par_iter().map(|s| LocalSphere::new(s, &local)));
         local.spheres = spheres;
         local.lights = scene.lights().iter().map(|&l| local.point(l)).collect();
         local.far_lights = local.lights.iter().any(|l| !(l.abs().max_element() < FAR));
@@ -124,33 +102,14 @@ impl Local {
 
     /// A world vector in local space.
     #[inline]
-    fn scaled(&self, v: DVec3) -> DVec3 {
+    pub(super) fn scaled(&self, v: DVec3) -> DVec3 {
         v * self.factors[0] * self.factors[1]
     }
 
-    /// A triangle's corners in local space, each within 2u·(largest corner) of the real ones.
+    /// A triangle in local space.
     #[inline]
     pub(crate) fn triangle(&self, t: &Triangle) -> LocalTriangle {
-        // The same triangle is the same here in whatever form it was written.
-        if let Some(corners) = t.exact_corners() {
-            return LocalTriangle { v: corners.map(|v| V3::splat(self.point(v))) };
-        }
-        let [a, b, c] = t.written;
-        let a = self.point(a);
-        LocalTriangle { v: [a, a + self.scaled(b), a + self.scaled(c)].map(V3::splat) }
-    }
-
-    fn plane(&self, p: &Plane) -> LocalPlane<DoubleDouble> {
-        let n = Vector::<8>::new(p.normal);
-        let length = n.length();
-        let [x, y, z] = (n * length.reciprocal()).0.each_ref().map(DoubleDouble::nearest);
-        let offset = plane_offset(p, self.origin, length).over(length);
-        let mut h = DoubleDouble::nearest(&offset.scale(-i64::from(self.power)));
-        if h.hi == 0.0 && !offset.is_zero() {
-            // 0 is kept for planes through the eye; bounds allow for as little as this.
-            h = DoubleDouble { hi: f64::MIN_POSITIVE * f64::from(offset.signum()), lo: 0.0 };
-        }
-        LocalPlane { n: V3 { x, y, z }, h }
+        LocalTriangle::new(t, self)
     }
 
     /// The `k`-th light to twice the digits; `None` where differences may overflow.
@@ -159,7 +118,7 @@ impl Local {
     }
 
     /// A world point in local space to twice the digits, where differences do not overflow.
-    fn double_point(&self, v: DVec3) -> V3<DoubleDouble> {
+    pub(super) fn double_point(&self, v: DVec3) -> V3<DoubleDouble> {
         let of = |k: usize| {
             let d = DoubleDouble::difference(v[k], self.origin[k]);
             d.scaled(self.factors[0]).scaled(self.factors[1])
@@ -174,41 +133,9 @@ impl Local {
         }
         Some(match kind(scene, id) {
             Kind::Plane(i) => DoubleObject::Plane(self.double_planes[i]),
-            Kind::Sphere(i) => {
-                let s = &scene.spheres()[i];
-                let r = DoubleDouble { hi: self.spheres[i].r, lo: 0.0 };
-                DoubleObject::Sphere(LocalSphere { c: self.double_point(s.center), r })
-            }
-            Kind::Triangle(i) => {
-                let t = &scene.triangles()[i];
-                let [a, b, c] = t.written;
-                let start = self.double_point(a);
-                let other = |v: DVec3| {
-                    if t.by_sides() { start + V3::splat(self.scaled(v)) } else { self.double_point(v) }
-                };
-                DoubleObject::Triangle(LocalTriangle { v: [start, other(b), other(c)] })
-            }
+            Kind::Sphere(i) => DoubleObject::Sphere(LocalSphere::double(&scene.spheres()[i], self.spheres[i].r, self)),
+            Kind::Triangle(i) => DoubleObject::Triangle(LocalTriangle::double(&scene.triangles()[i], self)),
         })
-    }
-}
-
-/// n · (q − origin) for points q of the plane, n of this `length`: zero where it is zero, else to nearly
-/// all of its digits.
-fn plane_offset(p: &Plane, origin: DVec3, length: Big<8>) -> Big<8> {
-    let through = Exact::new(p.normal).dot(&Exact::new(origin));
-    match p.position {
-        PlanePosition::Point(q) => Exact::new(p.normal).dot(&(Exact::new(q) - Exact::new(origin))).resize(),
-        PlanePosition::Distance(d) => {
-            let (far, near) = (Big::new(d) * length, through.resize::<8>());
-            let offset = far - near;
-            if offset.is_zero() || offset.exponent() < far.exponent().saturating_sub(256) {
-                // far² − near² is exact, and far + near subtracts nothing.
-                let (n, d) = (Vector::<136>::new(p.normal), Big::<136>::new(d));
-                let through = through.resize::<136>();
-                return (d * d * n.dot(&n) - through * through).resize::<8>().over(far + near);
-            }
-            offset
-        }
     }
 }
 

@@ -5,10 +5,12 @@
 //! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
 
 pub(crate) mod beam;
+pub(crate) mod bounds;
 pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod filter;
 mod interaction;
+mod local;
 pub(crate) mod proof;
 pub(crate) mod texture;
 

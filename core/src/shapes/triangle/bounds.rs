@@ -1,5 +1,7 @@
 //! Where a triangle is, whether it is anything, and which triangles are one.
 
+use glam::DVec3;
+
 use super::LocalTriangle;
 use crate::numeric::{U, zero_area};
 use crate::scene::Triangle;
@@ -14,6 +16,16 @@ fn around(t: &LocalTriangle) -> Aabb {
     let b = t.v.iter().fold(Aabb::EMPTY, |b, v| b.around(v.to_dvec3()));
     let v = t.v[0].norm1().max(t.v[1].norm1()).max(t.v[2].norm1());
     b.padded(4.0 * U * v)
+}
+
+/// A quarter of how far it reaches from the eye: `far` says that of a point.
+pub(crate) fn reach(t: &Triangle, far: impl Fn(DVec3) -> f64) -> f64 {
+    let [a, b, c] = t.written;
+    if t.by_sides() {
+        far(a) + b.abs().max_element().max(c.abs().max_element()) * 0.25
+    } else {
+        far(a).max(far(b)).max(far(c))
+    }
 }
 
 /// Whether it has exactly no area, so that nothing ever meets it.

@@ -24,6 +24,7 @@ pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
 mod interaction;
+mod local;
 pub(crate) mod proof;
 pub(crate) mod texture;
 
