@@ -31,5 +31,7 @@ pub(crate) mod triangle;
 pub(crate) use aabb::Aabb;
 pub(crate) use interaction::{SurfaceInteraction, TAKEN};
 pub(crate) use local::Local;
-pub(crate) use object::{Decision, INSIDE, Kind, NONE, ObjectId, all_same, kind, surface_and_order};
+pub(crate) use object::{
+    Decision, INSIDE, Kind, NONE, ObjectId, SPHERES, TRIANGLES, all_same, kind, surface_and_order,
+};
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};

@@ -14,6 +14,10 @@ pub(crate) enum Kind {
     Triangle(usize),
 }
 
+/// The kinds of leaves that bounded objects are in, by falling ids.
+pub(crate) const TRIANGLES: u8 = 0;
+pub(crate) const SPHERES: u8 = 1;
+
 /// What a ray meets: which object, and for a sphere from which side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Decision {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::coplanar::SharedPlanes;
 use super::prepared::PreparedScene;
 use crate::bvh::Boxes;
-use crate::shapes::triangle;
+use crate::shapes::{SPHERES, TRIANGLES, triangle};
 
 /// A prepared scene's numerical condition. Lengths are in scene units, to f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,8 +68,8 @@ impl PreparedScene {
             sizes: (most > 0.0).then(|| (world(least), world(most))),
             slivers: slivers - self.flat.min(slivers),
             flat: self.flat,
-            coinciding: scene.triangles().len() - self.flat - kept[0],
-            coinciding_spheres: scene.spheres().len() - kept[1],
+            coinciding: scene.triangles().len() - self.flat - kept[usize::from(TRIANGLES)],
+            coinciding_spheres: scene.spheres().len() - kept[usize::from(SPHERES)],
             shared: self.shared_planes(),
             giants: self.giants.spheres.len() + self.giants.triangles.len(),
             near_planes,

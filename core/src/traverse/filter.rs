@@ -7,7 +7,7 @@ use super::giants::Giants;
 use super::packet::Leaves;
 use crate::bvh::{Boxes, Coordinate};
 use crate::scene::Scene;
-use crate::shapes::{Local, plane, sphere, triangle};
+use crate::shapes::{Local, SPHERES, TRIANGLES, plane, sphere, triangle};
 
 /// What packets meet.
 #[derive(Debug)]
@@ -48,8 +48,8 @@ impl Filter {
         // Planes and lights beyond what f32 can square need f64 throughout.
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);
         near.then(|| Self {
-            triangles: Leaves::new(bvh, 0, triangle),
-            spheres: Leaves::new(bvh, 1, sphere),
+            triangles: Leaves::new(bvh, TRIANGLES, triangle),
+            spheres: Leaves::new(bvh, SPHERES, sphere),
             planes,
             giant_spheres: spheres.clone(),
             giant_triangles: triangles.clone(),

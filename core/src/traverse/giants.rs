@@ -2,10 +2,11 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use crate::bvh::KINDS;
 use crate::scene::Scene;
 use crate::shapes::sphere::giant::GiantSphere;
 use crate::shapes::triangle::giant::GiantTriangle;
-use crate::shapes::{Aabb, Kind, Local, ObjectId, kind};
+use crate::shapes::{Aabb, Kind, Local, ObjectId, SPHERES, TRIANGLES, kind};
 
 /// A giant is so many times farther across than it is from the eye.
 const RATIO: f64 = 512.0;
@@ -42,7 +43,7 @@ impl Candidates {
 
 impl Giants {
     /// The giants among `candidates` whose ids are among `kept`.
-    pub(super) fn new(scene: &Scene, local: &Local, candidates: Candidates, kept: &[Vec<u32>; 2]) -> Self {
+    pub(super) fn new(scene: &Scene, local: &Local, candidates: Candidates, kept: &[Vec<u32>; KINDS]) -> Self {
         let mut candidates = candidates.0.into_inner().unwrap_or_else(PoisonError::into_inner);
         let mut giants = Self::default();
         if candidates.is_empty() {
@@ -54,10 +55,10 @@ impl Giants {
         let eye = scene.camera().location();
         for (_, id) in candidates {
             match kind(scene, ObjectId(id)) {
-                Kind::Sphere(i) if giants.spheres.len() < MOST && kept[1].contains(&id) => {
+                Kind::Sphere(i) if giants.spheres.len() < MOST && kept[usize::from(SPHERES)].contains(&id) => {
                     giants.spheres.extend(GiantSphere::new(&scene.spheres()[i], eye, local.power).map(|s| (id, s)));
                 }
-                Kind::Triangle(i) if giants.triangles.len() < MOST && kept[0].contains(&id) => {
+                Kind::Triangle(i) if giants.triangles.len() < MOST && kept[usize::from(TRIANGLES)].contains(&id) => {
                     giants
                         .triangles
                         .extend(GiantTriangle::new(&scene.triangles()[i], eye, local.power).map(|t| (id, t)));

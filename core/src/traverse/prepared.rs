@@ -67,7 +67,7 @@ impl PreparedScene {
         });
         let first_triangle = (scene.planes().len() + scene.spheres().len()) as u32;
         let hidden = |a: u32, b: u32| b < a && coincide(scene, ObjectId(a), ObjectId(b));
-        let builder = Builder::new(first_triangle, singles.len(), &hidden);
+        let builder = Builder::new([first_triangle], singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
             Boxes::F64(hierarchy(items::<f64>(scene, local, &|_, _| ()).0, &builder))

@@ -9,7 +9,7 @@ use super::walk::Journey;
 use super::{Doubt, Spot, Visit};
 use crate::bvh::{Child, Link, WIDTH};
 use crate::shapes::filter::Intersection;
-use crate::shapes::{INSIDE, NONE, sphere, triangle};
+use crate::shapes::{INSIDE, NONE, TRIANGLES, sphere, triangle};
 use crate::simd::{F32x8, F32x16, Floats, LANES, Mask, Simd};
 
 /// Where rays that are alone stand, a lane each.
@@ -170,7 +170,7 @@ impl<S: Simd> Journey<'_, S> {
         let Link::Leaf { kind, start, count } = leaf.link() else { return };
         let all = u8::MAX >> (WIDTH - count);
         let ray = self.apart.ray::<S>(self.packet, lane);
-        let m = if kind == 0 {
+        let m = if kind == TRIANGLES {
             let leaf = self.filter.triangles.leaf(start, count);
             triangle::filter::intersect(&ray, &triangle::filter::Triangle::all(&leaf), all)
         } else {
@@ -201,7 +201,7 @@ impl<S: Simd> Journey<'_, S> {
         while may != 0 {
             let i = may.trailing_zeros() as usize & (WIDTH - 1);
             may &= may - 1;
-            let id = if kind == 0 {
+            let id = if kind == TRIANGLES {
                 id(&self.filter.triangles.leaf(start, count), i)
             } else {
                 id(&self.filter.spheres.leaf(start, count), i)

@@ -11,7 +11,7 @@ use super::rays::{Apart, Rays};
 use super::single::SingleRays;
 use super::{Doubt, Packet, Spot, Visit, leaf};
 use crate::bvh::{Bvh, Child, Coordinate, Link, Node, WIDTH};
-use crate::shapes::{INSIDE, NONE, plane, sphere, triangle};
+use crate::shapes::{INSIDE, NONE, TRIANGLES, plane, sphere, triangle};
 use crate::simd::{F32x16, Floats, LANES, Mask, Simd, prefetch};
 use crate::traverse::filter::Filter;
 
@@ -319,7 +319,7 @@ impl<'a, S: Simd> Journey<'a, S> {
         }
         match child.link() {
             Link::Inner(index) => prefetch(&self.bvh.nodes, index, 1),
-            Link::Leaf { kind: 0, start, count } => self.filter.triangles.expect(start, count),
+            Link::Leaf { kind: TRIANGLES, start, count } => self.filter.triangles.expect(start, count),
             Link::Leaf { start, count, .. } => self.filter.spheres.expect(start, count),
             Link::Nothing => {}
         }
@@ -330,7 +330,7 @@ impl<'a, S: Simd> Journey<'a, S> {
     fn surely<V: Visit<S>>(&self, spot: Spot, visitor: &mut V, doubts: &mut Vec<Doubt>) {
         let Link::Leaf { kind, start, count } = spot.leaf.link() else { return };
         let mask = visitor.active();
-        let (id, mut m) = if kind == 0 {
+        let (id, mut m) = if kind == TRIANGLES {
             let leaf = self.filter.triangles.leaf(start, count);
             let id = leaf::id(&leaf, spot.place);
             let mask = mask & !S::equal(&self.packet.own, id);
@@ -354,7 +354,7 @@ impl<'a, S: Simd> Journey<'a, S> {
     #[inline(always)]
     fn leaf<V: Visit<S>>(&self, link: Child, mask: Mask, visitor: &mut V, doubts: &mut Vec<Doubt>) {
         let Link::Leaf { kind, start, count } = link.link() else { return };
-        if kind == 0 {
+        if kind == TRIANGLES {
             let leaf = self.filter.triangles.leaf(start, count).spread();
             for i in 0..count {
                 let id = leaf[leaf.len() - 1][i % WIDTH].tag();
