@@ -25,28 +25,11 @@ mod query;
 use std::cmp::Ordering;
 
 use crate::numeric::{Big, Bound, Unsure};
-use crate::shapes::exact::{Distance, ExactHit, ExactRay};
-use crate::shapes::{Decision, Kind, ObjectId, kind, plane, sphere, surface_and_order, triangle};
+use crate::shapes::exact::{Distance, ExactRay, intersect};
+use crate::shapes::{Decision, ObjectId, surface_and_order};
 use crate::traverse::PreparedScene;
 pub(crate) use proof::{CameraPath, Point, Proof, closest_hit};
 pub use query::RayHit;
-
-/// Where `ray` first meets object `id` at t > 0, and whether that is a sphere's inner side.
-fn intersect<const N: usize>(
-    prepared: &PreparedScene,
-    ray: &ExactRay<N>,
-    id: ObjectId,
-) -> Result<Option<(Distance<N>, bool)>, Unsure> {
-    let scene = &prepared.scene;
-    let own = ray.from.filter(|f| f.id == id);
-    match kind(scene, id) {
-        // A line meets a flat surface once.
-        Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
-        Kind::Plane(i) => plane::exact::intersect(ray, &prepared.exact_planes[i], &scene.planes()[i]),
-        Kind::Triangle(i) => triangle::exact::intersect(ray, &scene.triangles()[i]),
-        Kind::Sphere(i) => sphere::exact::intersect(ray, &scene.spheres()[i], own),
-    }
-}
 
 /// The nearest of `candidates` along `ray`; equal distances go to the first in the document.
 pub(crate) fn closest<const N: usize>(
@@ -56,7 +39,7 @@ pub(crate) fn closest<const N: usize>(
 ) -> Result<Option<(Decision, Distance<N>)>, Unsure> {
     let mut best: Option<(Decision, Distance<N>, u32)> = None;
     for id in candidates {
-        let Some((t, inside)) = intersect(prepared, ray, id)? else { continue };
+        let Some((t, inside)) = intersect(&prepared.scene, &prepared.exact_planes, ray, id)? else { continue };
         let order = surface_and_order(&prepared.scene, id).1;
         let nearer = match &best {
             None => true,
@@ -83,25 +66,11 @@ pub(crate) fn occluded<const N: usize>(
 ) -> Result<bool, Unsure> {
     let one = Distance { t: Big::new(1.0), error: Bound::ZERO };
     for id in candidates {
-        if let Some((t, _)) = intersect(prepared, ray, id)?
+        if let Some((t, _)) = intersect(&prepared.scene, &prepared.exact_planes, ray, id)?
             && t.compare(&one)? == Ordering::Less
         {
             return Ok(true);
         }
     }
     Ok(false)
-}
-
-/// The point where `ray` meets `decision`, known to be what it meets.
-pub(crate) fn hit<const N: usize>(
-    prepared: &PreparedScene,
-    ray: &ExactRay<N>,
-    decision: Decision,
-) -> Result<ExactHit<N>, Unsure> {
-    let scene = &prepared.scene;
-    match kind(scene, decision.id) {
-        Kind::Plane(i) => Ok(plane::exact::hit(ray, &prepared.exact_planes[i], &scene.planes()[i], decision)),
-        Kind::Triangle(i) => Ok(triangle::exact::hit(ray, &scene.triangles()[i], decision)),
-        Kind::Sphere(i) => sphere::exact::hit(ray, &scene.spheres()[i], decision),
-    }
 }

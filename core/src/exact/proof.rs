@@ -17,8 +17,8 @@ use crate::scene::Scene;
 use crate::settings::View;
 use crate::shapes::exact::ExactHit;
 use crate::shapes::integers::{direction, lengths, to_integers};
-use crate::shapes::proof::{Along, Line, Spot};
-use crate::shapes::{Decision, Kind, ObjectId, kind, plane, sphere, surface_and_order, triangle};
+use crate::shapes::proof::{self, Along, Line, Spot, intersect};
+use crate::shapes::{Decision, Kind, ObjectId, kind, surface_and_order};
 
 /// A point X/w, and the normal there.
 pub(crate) struct Point<const N: usize> {
@@ -101,7 +101,9 @@ impl<'a, const N: usize> Proof<'a, N> {
     fn first(&mut self, candidates: &[ObjectId]) -> Result<Option<(Along<N>, Decision)>, Unsure> {
         let mut best: Option<(Along<N>, Decision, u32)> = None;
         for &id in candidates {
-            let Some((along, inside)) = self.intersect(id)? else { continue };
+            let Some((along, inside)) = intersect(self.scene, &self.line, id, self.scale, &mut self.roots)? else {
+                continue;
+            };
             let order = surface_and_order(self.scene, id).1;
             let nearer = match &best {
                 None => true,
@@ -127,7 +129,8 @@ impl<'a, const N: usize> Proof<'a, N> {
         let light = Along { num: Ball::integer(1.0), den: Ball::integer(1.0) };
         let mut open = false;
         for &id in candidates {
-            match self.intersect(id).and_then(|m| m.map_or(Ok(false), |(t, _)| Ok(t.compare(&light)?.is_lt()))) {
+            let met = intersect(self.scene, &self.line, id, self.scale, &mut self.roots);
+            match met.and_then(|m| m.map_or(Ok(false), |(t, _)| Ok(t.compare(&light)?.is_lt()))) {
                 Ok(true) => return Ok(true),
                 Ok(false) => {}
                 Err(Unsure) => open = true,
@@ -159,6 +162,11 @@ impl<'a, const N: usize> Proof<'a, N> {
         point.n.dot(&pole).sign()
     }
 
+    /// The point where the line meets `met`, known to be what it meets.
+    fn spot(&mut self, met: Decision) -> Result<Spot<N>, Unsure> {
+        proof::spot(self.scene, &self.line, met, self.scale, &mut self.roots)
+    }
+
     /// The point where the line meets `met`: in world space, with the line's direction, and as it is.
     pub(crate) fn hit(&mut self, met: Decision) -> Result<(ExactHit<N>, Vector<N>, Point<N>), Unsure> {
         let spot = self.spot(met)?;
@@ -180,29 +188,6 @@ impl<'a, const N: usize> Proof<'a, N> {
         let place = error.scale(shrink + 1);
         let hit = ExactHit::known(p, place, (n, Bound::power(-76)), back, spot.turned, met);
         Ok((hit, d, Point { x: spot.x, w: spot.w, n: spot.n }))
-    }
-
-    /// Where the line first meets object `id`, and whether that is a sphere's inner side.
-    fn intersect(&mut self, id: ObjectId) -> Result<Option<(Along<N>, bool)>, Unsure> {
-        let Self { scene, scale, roots, line } = self;
-        let own = line.from.filter(|f| f.id == id);
-        match kind(scene, id) {
-            // A line meets a flat surface once.
-            Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
-            Kind::Plane(i) => plane::proof::intersect(line, &scene.planes()[i], *scale, roots),
-            Kind::Triangle(i) => triangle::proof::intersect(line, &scene.triangles()[i], *scale),
-            Kind::Sphere(i) => sphere::proof::intersect(line, &scene.spheres()[i], own, *scale, roots),
-        }
-    }
-
-    /// The point where the line meets `met`, known to be what it meets.
-    fn spot(&mut self, met: Decision) -> Result<Spot<N>, Unsure> {
-        let Self { scene, scale, roots, line } = self;
-        match kind(scene, met.id) {
-            Kind::Plane(i) => plane::proof::flat(line, &scene.planes()[i], *scale, roots).spot(line, met),
-            Kind::Triangle(i) => triangle::proof::flat(line, &scene.triangles()[i], *scale).spot(line, met),
-            Kind::Sphere(i) => Ok(sphere::proof::spot(line, &scene.spheres()[i], met, *scale, roots)),
-        }
     }
 }
 

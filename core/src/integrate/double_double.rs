@@ -8,8 +8,7 @@
 use super::refine::{Case, Refined};
 use super::shade;
 use crate::numeric::{DoubleDouble, Real, U};
-use crate::shapes::local::DoubleObject;
-use crate::shapes::{Decision, ObjectId, Ray, Span, SurfaceInteraction, plane, sphere, triangle};
+use crate::shapes::{Decision, ObjectId, Ray, Span, SurfaceInteraction, interaction_double, test_double};
 
 /// Longer paths are left to the refiner, which remembers how far it has followed them.
 const SHORT: usize = 8;
@@ -115,7 +114,9 @@ impl DoubleDoublePath {
         {
             return Some(interaction);
         }
-        let interaction = intersect(case, &self.ray, decision, self.from)?;
+        let prepared = &case.tracer.prepared;
+        let object = prepared.local.double(&prepared.scene, decision.id)?;
+        let interaction = interaction_double(&self.ray, &object, decision, self.from);
         self.met = Some((decision, interaction));
         Some(interaction)
     }
@@ -129,30 +130,6 @@ fn test(
     from: Option<Decision>,
 ) -> Option<Option<Span<DoubleDouble>>> {
     let prepared = &case.tracer.prepared;
-    let own = from.filter(|f| f.id == id);
-    Some(match (prepared.local.double(&prepared.scene, id)?, own) {
-        (DoubleObject::Sphere(sphere), Some(own)) if own.inside => sphere::test_from_inside(ray, &sphere),
-        (_, Some(_)) => None,
-        (DoubleObject::Plane(plane), _) => plane::test(ray, &plane),
-        (DoubleObject::Triangle(triangle), _) => triangle::test(ray, &triangle),
-        (DoubleObject::Sphere(sphere), _) => sphere::test(ray, &sphere),
-    })
-}
-
-fn intersect(
-    case: &Case<'_>,
-    ray: &Ray<DoubleDouble>,
-    decision: Decision,
-    from: Option<Decision>,
-) -> Option<SurfaceInteraction<DoubleDouble>> {
-    let prepared = &case.tracer.prepared;
-    let flag = |b: bool| DoubleDouble::splat(if b { 1.0 } else { 0.0 });
-    Some(match prepared.local.double(&prepared.scene, decision.id)? {
-        DoubleObject::Plane(plane) => plane::interaction(ray, &plane),
-        DoubleObject::Triangle(triangle) => triangle::interaction(ray, &triangle),
-        DoubleObject::Sphere(sphere) => {
-            let own = from.is_some_and(|f| f.id == decision.id);
-            sphere::interaction(ray, &sphere, flag(decision.inside), flag(own))
-        }
-    })
+    let object = prepared.local.double(&prepared.scene, id)?;
+    Some(test_double(ray, &object, from.filter(|f| f.id == id)))
 }

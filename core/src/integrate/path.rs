@@ -9,7 +9,7 @@ use super::{RayCounts, Refinement, Sample, Tracer};
 use crate::film::PlanePoint;
 use crate::numeric::{U, V3};
 use crate::scene::Pigment;
-use crate::shapes::{Decision, Kind, Ray, SurfaceInteraction, kind, plane, sphere, texture, triangle};
+use crate::shapes::{Decision, Ray, SurfaceInteraction, interaction, texture};
 use crate::traverse::{Closest, Occluded, Scratch};
 
 /// Memory of a thread that traces paths.
@@ -59,7 +59,7 @@ impl Tracer {
                 return Sample { radiance: sum + background };
             };
             let material = self.material(decision.id);
-            let mut interaction = self.interaction(&ray, decision, from);
+            let mut interaction = interaction(&self.prepared.scene, &self.prepared.local, &ray, decision, from);
             let goes_on = material.reflect * throughput - least > 0.0 && depth < self.settings.max_depth;
             let mut too_wide = refines && self.too_wide(&interaction, throughput);
             if too_wide && let Some(better) = self.giant_interaction(&ray, decision, from, throughput) {
@@ -141,20 +141,6 @@ impl Tracer {
         Sample { radiance: sum }
     }
 
-    /// Where `ray` meets what it is known to meet, in f64.
-    fn interaction(&self, ray: &Ray, decision: Decision, from: Option<Decision>) -> SurfaceInteraction {
-        let local = &self.prepared.local;
-        match kind(&self.prepared.scene, decision.id) {
-            Kind::Plane(i) => plane::interaction(ray, &local.planes[i]),
-            Kind::Triangle(i) => triangle::interaction(ray, &local.triangle(&self.prepared.scene.triangles()[i])),
-            Kind::Sphere(i) => {
-                let flag = |b: bool| if b { 1.0 } else { 0.0 };
-                let own = from.is_some_and(|f| f.id == decision.id);
-                sphere::interaction(ray, &local.spheres[i], flag(decision.inside), flag(own))
-            }
-        }
-    }
-
     /// Where `ray` meets a giant that is not pictured, as it is described around the eye: if that is right to nearly
     /// the last digits, as what else would be asked for this place is.
     pub(super) fn giant_interaction(
@@ -164,16 +150,7 @@ impl Tracer {
         from: Option<Decision>,
         throughput: f64,
     ) -> Option<SurfaceInteraction> {
-        let giants = &self.prepared.giants;
-        let flag = |b: bool| if b { 1.0 } else { 0.0 };
-        let interaction = match (giants.triangle(met.id.0), giants.sphere(met.id.0)) {
-            (Some(giant), _) => plane::interaction(ray, &giant.plane),
-            (None, Some(giant)) => {
-                let own = from.is_some_and(|f| f.id == met.id);
-                sphere::giant_interaction(ray, giant, flag(met.inside), flag(own))
-            }
-            (None, None) => return None,
-        };
+        let interaction = self.prepared.giants.interaction(ray, met, from)?;
         let tight = interaction.ep <= 256.0 * U * interaction.p.norm1() && interaction.en <= 256.0 * U;
         (tight && !self.is_pictured(met.id.0) && !self.too_wide(&interaction, throughput)).then_some(interaction)
     }

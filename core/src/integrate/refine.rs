@@ -7,7 +7,7 @@ use super::double_double::DoubleDoublePath;
 use crate::exact::{self, CameraPath, Point, Proof};
 use crate::film::PlanePoint;
 use crate::numeric::{U, Unsure, V3, Vector};
-use crate::shapes::exact::{ExactHit, ExactRay, FIRST, LAST};
+use crate::shapes::exact::{ExactHit, ExactRay, FIRST, LAST, hit};
 use crate::shapes::{Decision, ObjectId, SurfaceInteraction, sphere, texture};
 
 /// The path in numbers of one width.
@@ -54,9 +54,10 @@ impl<const N: usize> ExactPath<N> {
         if known.is_none_or(|(of, _)| of != decision) {
             *known = None;
         }
+        let prepared = &case.tracer.prepared;
         Ok(match known {
             Some((_, hit)) => hit,
-            none => &none.insert((decision, exact::hit(&case.tracer.prepared, ray, decision)?)).1,
+            none => &none.insert((decision, hit(&prepared.scene, &prepared.exact_planes, ray, decision)?)).1,
         })
     }
 

@@ -4,7 +4,8 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use super::{Decision, Local};
+use super::plane::exact::ExactPlanes;
+use super::{Decision, Kind, Local, ObjectId, kind, plane, sphere, triangle};
 use crate::numeric::{Big, Bound, U, Unsure, Vector};
 use crate::scene::Scene;
 
@@ -279,4 +280,35 @@ impl<const N: usize> ExactHit<N> {
 /// `v` scaled so that its largest component is about 1, each component rounded once.
 fn rounded<const N: usize>(v: &Vector<N>) -> DVec3 {
     if v.is_zero() { DVec3::ZERO } else { v.scale(-v.exponent()).to_f64() }
+}
+
+/// Where `ray` first meets object `id` at t > 0, and whether that is a sphere's inner side.
+pub(crate) fn intersect<const N: usize>(
+    scene: &Scene,
+    planes: &[ExactPlanes],
+    ray: &ExactRay<N>,
+    id: ObjectId,
+) -> Result<Option<(Distance<N>, bool)>, Unsure> {
+    let own = ray.from.filter(|f| f.id == id);
+    match kind(scene, id) {
+        // A line meets a flat surface once.
+        Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
+        Kind::Plane(i) => plane::exact::intersect(ray, &planes[i], &scene.planes()[i]),
+        Kind::Triangle(i) => triangle::exact::intersect(ray, &scene.triangles()[i]),
+        Kind::Sphere(i) => sphere::exact::intersect(ray, &scene.spheres()[i], own),
+    }
+}
+
+/// The point where `ray` meets `decision`, known to be what it meets.
+pub(crate) fn hit<const N: usize>(
+    scene: &Scene,
+    planes: &[ExactPlanes],
+    ray: &ExactRay<N>,
+    decision: Decision,
+) -> Result<ExactHit<N>, Unsure> {
+    match kind(scene, decision.id) {
+        Kind::Plane(i) => Ok(plane::exact::hit(ray, &planes[i], &scene.planes()[i], decision)),
+        Kind::Triangle(i) => Ok(triangle::exact::hit(ray, &scene.triangles()[i], decision)),
+        Kind::Sphere(i) => sphere::exact::hit(ray, &scene.spheres()[i], decision),
+    }
 }

@@ -1,8 +1,10 @@
 //! Where a ray meets what it is known to meet: in f64, the same operations for one lane or many, each value with a
 //! bound on its error.
 
-use super::Ray;
-use crate::numeric::{Real, U, V3};
+use super::local::DoubleObject;
+use super::{Decision, Kind, Local, Ray, kind, plane, sphere, triangle};
+use crate::numeric::{DoubleDouble, Real, U, V3};
+use crate::scene::Scene;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -44,4 +46,44 @@ pub(super) fn point<R: Real>(ray: &Ray<R>, t: R, et: R) -> (V3<R>, R) {
 #[inline(always)]
 pub(super) fn against<R: Real>(ray: &Ray<R>, n: V3<R>) -> V3<R> {
     V3::if_positive(n.dot(ray.d), -n, n)
+}
+
+/// Where `ray`, which starts on `from`, meets what it is known to meet.
+pub(crate) fn interaction(
+    scene: &Scene,
+    local: &Local,
+    ray: &Ray,
+    decision: Decision,
+    from: Option<Decision>,
+) -> SurfaceInteraction {
+    match kind(scene, decision.id) {
+        Kind::Plane(i) => plane::interaction(ray, &local.planes[i]),
+        Kind::Triangle(i) => triangle::interaction(ray, &local.triangle(&scene.triangles()[i])),
+        Kind::Sphere(i) => {
+            let own = from.is_some_and(|f| f.id == decision.id);
+            sphere::interaction(ray, &local.spheres[i], flag(decision.inside), flag(own))
+        }
+    }
+}
+
+/// The same to twice the digits, on the object that is met.
+pub(crate) fn interaction_double(
+    ray: &Ray<DoubleDouble>,
+    object: &DoubleObject,
+    decision: Decision,
+    from: Option<Decision>,
+) -> SurfaceInteraction<DoubleDouble> {
+    match object {
+        DoubleObject::Plane(plane) => plane::interaction(ray, plane),
+        DoubleObject::Triangle(triangle) => triangle::interaction(ray, triangle),
+        DoubleObject::Sphere(sphere) => {
+            let own = from.is_some_and(|f| f.id == decision.id);
+            sphere::interaction(ray, sphere, flag(decision.inside), flag(own))
+        }
+    }
+}
+
+/// A number above 0 where `b` holds.
+pub(super) fn flag<R: Real>(b: bool) -> R {
+    R::splat(if b { 1.0 } else { 0.0 })
 }

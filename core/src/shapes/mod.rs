@@ -16,7 +16,7 @@ mod aabb;
 pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod filter;
-mod giant;
+pub(crate) mod giants;
 pub(crate) mod integers;
 mod interaction;
 pub(crate) mod local;
@@ -25,13 +25,15 @@ pub(crate) mod plane;
 pub(crate) mod proof;
 mod ray;
 pub(crate) mod sphere;
+mod test;
 pub(crate) mod texture;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
-pub(crate) use interaction::{SurfaceInteraction, TAKEN};
+pub(crate) use interaction::{SurfaceInteraction, TAKEN, interaction, interaction_double};
 pub(crate) use local::Local;
 pub(crate) use object::{
     Decision, INSIDE, Kind, NONE, ObjectId, SPHERES, TRIANGLES, all_same, kind, surface_and_order,
 };
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
+pub(crate) use test::{test, test_double};

@@ -2,8 +2,9 @@
 
 use std::cmp::Ordering;
 
-use super::Decision;
-use crate::numeric::{Ball, Balls, Unsure};
+use super::{Decision, Kind, ObjectId, kind, plane, sphere, triangle};
+use crate::numeric::{Ball, Balls, Roots, Unsure};
+use crate::scene::Scene;
 
 /// A distance along a line: num / den, and both over the line's w.
 #[derive(Clone, Copy)]
@@ -86,5 +87,38 @@ impl<const N: usize> Spot<N> {
     pub(crate) fn reflect(&self, d: &Balls<N>) -> Line<N> {
         let d = *d * self.nn - self.n * self.n.dot(d).doubled();
         Line { x: self.x, w: self.w, d, from: Some(self.decision) }
+    }
+}
+
+/// Where `line` first meets object `id`, and whether that is a sphere's inner side; lengths times 2^scale are integers.
+pub(crate) fn intersect<const N: usize>(
+    scene: &Scene,
+    line: &Line<N>,
+    id: ObjectId,
+    scale: i64,
+    roots: &mut Roots,
+) -> Result<Option<(Along<N>, bool)>, Unsure> {
+    let own = line.from.filter(|f| f.id == id);
+    match kind(scene, id) {
+        // A line meets a flat surface once.
+        Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
+        Kind::Plane(i) => plane::proof::intersect(line, &scene.planes()[i], scale, roots),
+        Kind::Triangle(i) => triangle::proof::intersect(line, &scene.triangles()[i], scale),
+        Kind::Sphere(i) => sphere::proof::intersect(line, &scene.spheres()[i], own, scale, roots),
+    }
+}
+
+/// The point where `line` meets `met`, known to be what it meets.
+pub(crate) fn spot<const N: usize>(
+    scene: &Scene,
+    line: &Line<N>,
+    met: Decision,
+    scale: i64,
+    roots: &mut Roots,
+) -> Result<Spot<N>, Unsure> {
+    match kind(scene, met.id) {
+        Kind::Plane(i) => plane::proof::flat(line, &scene.planes()[i], scale, roots).spot(line, met),
+        Kind::Triangle(i) => triangle::proof::flat(line, &scene.triangles()[i], scale).spot(line, met),
+        Kind::Sphere(i) => Ok(sphere::proof::spot(line, &scene.spheres()[i], met, scale, roots)),
     }
 }

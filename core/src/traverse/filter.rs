@@ -3,10 +3,10 @@
 //! Rounding to f32 is covered by the bounds of `traverse::packet`, which hold for values within 2⁻²⁴ of
 //! local space.
 
-use super::giants::Giants;
 use super::packet::Leaves;
 use crate::bvh::{Boxes, Coordinate};
 use crate::scene::Scene;
+use crate::shapes::giants::Giants;
 use crate::shapes::{Local, SPHERES, TRIANGLES, plane, sphere, triangle};
 
 /// What packets meet.

@@ -4,7 +4,6 @@
 mod condition;
 mod coplanar;
 pub(crate) mod filter;
-mod giants;
 pub(crate) mod packet;
 mod prepared;
 mod scalar;

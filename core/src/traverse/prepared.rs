@@ -8,9 +8,9 @@ use rayon::prelude::*;
 
 use super::coplanar::Coplanar;
 use super::filter::Filter;
-use super::giants::{Candidates, Giants};
 use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
 use crate::scene::Scene;
+use crate::shapes::giants::{Candidates, Giants};
 use crate::shapes::plane::exact::ExactPlanes;
 use crate::shapes::{Aabb, Kind, Local, ObjectId, kind, sphere, triangle};
 use crate::simd::roomy;

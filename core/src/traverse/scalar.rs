@@ -6,7 +6,7 @@ use super::prepared::PreparedScene;
 use crate::bvh::{Boxes, Bvh, Coordinate, Link, WIDTH};
 use crate::numeric::{Scalar, TINY, U};
 use crate::scene::SurfaceId;
-use crate::shapes::{Decision, ObjectId, Ray, Span, plane, sphere, surface_and_order, triangle};
+use crate::shapes::{Decision, ObjectId, Ray, Span, surface_and_order, test};
 
 /// What is met first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,39 +95,10 @@ impl Slabs {
 impl PreparedScene {
     /// Where `ray`, which starts on `from`, may meet object `id`.
     fn test(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
-        let span = self.test_single(ray, id, from)?;
+        let own = from.filter(|f| f.id == id);
+        let span = test(&self.scene, &self.local, &self.giants, ray, id, own)?;
         let known = !span.sure && self.starts_in_plane(from, ray.starts_at_origin(), id);
         (!known).then_some(span)
-    }
-
-    fn test_single(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
-        let own = from.filter(|f| f.id == id);
-        let (planes, spheres) = (self.local.planes.len(), self.local.spheres.len());
-        let i = id.0 as usize;
-        if i < planes {
-            return if own.is_some() { None } else { plane::test(ray, &self.local.planes[i]) };
-        }
-        if i < planes + spheres {
-            let s = &self.local.spheres[i - planes];
-            let giant = self.giants.sphere(id.0);
-            return match (own, giant) {
-                (Some(f), _) if !f.inside => None,
-                (Some(_), Some(giant)) => sphere::giant::test_from_inside(ray, giant),
-                (Some(_), None) => sphere::test_from_inside(ray, s),
-                (None, Some(giant)) => sphere::giant::test(ray, giant)
-                    .and_then(|span| if span.sure { Some(span) } else { sphere::test(ray, s) }),
-                (None, None) => sphere::test(ray, s),
-            };
-        }
-        if own.is_some() {
-            return None;
-        }
-        if let Some(giant) = self.giants.triangle(id.0)
-            && let Ok(span) = triangle::giant::test(ray, giant)
-        {
-            return span;
-        }
-        triangle::test(ray, &self.local.triangle(&self.scene.triangles()[i - planes - spheres]))
     }
 
     /// Calls `visit` for every object that may be met before `bound`, which it may lower.

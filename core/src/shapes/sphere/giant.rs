@@ -14,7 +14,7 @@ use glam::DVec3;
 
 use crate::numeric::{Big, Real, Scalar, TINY, V3, Vector};
 use crate::scene::Sphere;
-use crate::shapes::giant::{LOST, WIDE, known, vector};
+use crate::shapes::giants::{LOST, WIDE, known, vector};
 use crate::shapes::{Ray, Span};
 
 /// A sphere around the eye.

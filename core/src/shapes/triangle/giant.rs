@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use crate::numeric::{Real, TINY, V3, Vector};
 use crate::scene::Triangle;
-use crate::shapes::giant::{LOST, WIDE, known, vector};
+use crate::shapes::giants::{LOST, WIDE, known, vector};
 use crate::shapes::plane::{self, LocalPlane};
 use crate::shapes::{Ray, Span};
 

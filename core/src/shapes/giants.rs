@@ -1,12 +1,17 @@
-//! Which objects of a scene are far larger than what is seen of them: see `shapes::sphere::giant`.
+//! Which objects of a scene are far larger than what is seen of them: see [`super::sphere::giant`]. They are described
+//! around the eye, found in wide numbers, and rounded once.
 
 use std::sync::{Mutex, PoisonError};
 
+use glam::DVec3;
+
+use super::interaction::flag;
+use super::sphere::giant::GiantSphere;
+use super::triangle::giant::GiantTriangle;
+use super::{Aabb, Decision, Kind, Local, ObjectId, Ray, SPHERES, SurfaceInteraction, TRIANGLES, kind, plane, sphere};
 use crate::bvh::KINDS;
+use crate::numeric::{Big, V3, Vector};
 use crate::scene::Scene;
-use crate::shapes::sphere::giant::GiantSphere;
-use crate::shapes::triangle::giant::GiantTriangle;
-use crate::shapes::{Aabb, Kind, Local, ObjectId, SPHERES, TRIANGLES, kind};
 
 /// A giant is so many times farther across than it is from the eye.
 const RATIO: f64 = 512.0;
@@ -14,6 +19,11 @@ const RATIO: f64 = 512.0;
 const LEAST: f64 = 1.0 / 256.0;
 /// So many of each kind are kept at most, for every packet meets them all.
 const MOST: usize = 32;
+/// Limbs in which they are found.
+pub(super) const WIDE: usize = 24;
+/// What is this many bits below its terms may be nothing.
+pub(super) const LOST: i64 = 1000;
+
 /// The giants of a scene, by rising id.
 #[derive(Debug, Default)]
 pub(crate) struct Giants {
@@ -23,11 +33,11 @@ pub(crate) struct Giants {
 
 /// Objects that may be giants, by the boxes of all.
 #[derive(Debug, Default)]
-pub(super) struct Candidates(Mutex<Vec<(f64, u32)>>);
+pub(crate) struct Candidates(Mutex<Vec<(f64, u32)>>);
 
 impl Candidates {
     /// Looks at the box of object `id`.
-    pub(super) fn see(&self, id: u32, b: &Aabb) {
+    pub(crate) fn see(&self, id: u32, b: &Aabb) {
         let across = (b.hi - b.lo).max_element();
         if across < LEAST {
             return;
@@ -43,7 +53,7 @@ impl Candidates {
 
 impl Giants {
     /// The giants among `candidates` whose ids are among `kept`.
-    pub(super) fn new(scene: &Scene, local: &Local, candidates: Candidates, kept: &[Vec<u32>; KINDS]) -> Self {
+    pub(crate) fn new(scene: &Scene, local: &Local, candidates: Candidates, kept: &[Vec<u32>; KINDS]) -> Self {
         let mut candidates = candidates.0.into_inner().unwrap_or_else(PoisonError::into_inner);
         let mut giants = Self::default();
         if candidates.is_empty() {
@@ -82,4 +92,31 @@ impl Giants {
         let at = self.triangles.binary_search_by_key(&id, |(id, _)| *id).ok()?;
         Some(&self.triangles[at].1)
     }
+    /// Where `ray`, which starts on `from`, meets `met`, if that is a giant.
+    pub(crate) fn interaction(&self, ray: &Ray, met: Decision, from: Option<Decision>) -> Option<SurfaceInteraction> {
+        match (self.triangle(met.id.0), self.sphere(met.id.0)) {
+            (Some(giant), _) => Some(plane::interaction(ray, &giant.plane)),
+            (None, Some(giant)) => {
+                let own = from.is_some_and(|f| f.id == met.id);
+                Some(sphere::giant_interaction(ray, giant, flag(met.inside), flag(own)))
+            }
+            (None, None) => None,
+        }
+    }
+}
+
+/// `x` to the nearest f64, `None` where its digits may be lost beside `terms` or it is beyond f64's normal numbers.
+pub(super) fn known(x: &Big<WIDE>, terms: i64) -> Option<f64> {
+    if x.is_zero() || x.exponent() < terms - LOST {
+        return None;
+    }
+    let rounded = x.to_f64();
+    (rounded.is_finite() && rounded.abs() > 1e-200).then_some(rounded)
+}
+
+/// The components of `v`, of which those next to nothing become 0.
+pub(super) fn vector(v: &Vector<WIDE>) -> V3<f64> {
+    let all = v.to_f64();
+    let least = 1e-250 * all.abs().max_element();
+    V3::splat(DVec3::from_array(all.to_array().map(|x| if x.abs() < least { 0.0 } else { x })))
 }
