@@ -12,8 +12,9 @@ use crate::beam::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixel
 use crate::film::PlanePoint;
 use crate::integrate::Tracer;
 use crate::scene::Pigment;
+use crate::shapes::beam::{cover, supporting_plane};
 use crate::shapes::triangle::beam::Outline;
-use crate::shapes::{Kind, ObjectId, kind, plane, sphere, triangle};
+use crate::shapes::{Kind, ObjectId, kind};
 use crate::simd::{Kernel, Simd};
 use crate::traverse::PreparedScene;
 
@@ -202,7 +203,8 @@ impl<'a> View<'a> {
 
     #[inline(always)]
     fn candidate(&self, id: u32) -> Candidate {
-        let (cover, triangle) = object(self.tracer, id, &self.lens, self.tile);
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let (cover, triangle) = cover(scene, local, ObjectId(id), &self.lens, self.tile);
         Candidate { id, cover, triangle, alive: 0 }
     }
 
@@ -350,7 +352,8 @@ impl<'a> View<'a> {
 
     /// Looks into a mirror.
     fn reflect(&self, receiver: &Receiver, weight: f64, doubt: &mut Doubt, views: &mut Vec<(View<'a>, Pixels)>) {
-        let plane = supporting_plane(self.tracer, receiver.id);
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let plane = supporting_plane(scene, local, ObjectId(receiver.id));
         match (plane, receiver.depth) {
             (Some((n, h)), Depth::Flat(w)) if self.behind < MIRRORS => {
                 let lens = self.lens.mirrored(n, h);
@@ -358,32 +361,6 @@ impl<'a> View<'a> {
                 views.push((View { lens, mirror, weight, behind: self.behind + 1, ..*self }, receiver.pixels));
             }
             _ => open(doubt, receiver.pixels, weight),
-        }
-    }
-}
-
-/// The plane n · P = h that a flat object lies in, n of length 1; none of a sphere.
-#[inline(always)]
-pub(super) fn supporting_plane(tracer: &Tracer, id: u32) -> Option<(DVec3, f64)> {
-    let PreparedScene { scene, local, .. } = tracer.prepared();
-    match kind(scene, ObjectId(id)) {
-        Kind::Sphere(_) => None,
-        Kind::Plane(i) => Some((local.planes[i].n.to_dvec3(), local.planes[i].h)),
-        Kind::Triangle(i) => Some(triangle::beam::supporting_plane(&local.triangle(&scene.triangles()[i]).corners())),
-    }
-}
-
-/// What object `id` is to a tile under a lens.
-#[inline(always)]
-pub(crate) fn object(tracer: &Tracer, id: u32, lens: &Lens, tile: &Tile) -> (Cover, Option<([DVec3; 3], Outline)>) {
-    let PreparedScene { scene, local, .. } = tracer.prepared();
-    match kind(scene, ObjectId(id)) {
-        Kind::Plane(i) => (plane::beam::cover(&local.planes[i], lens, tile), None),
-        Kind::Sphere(i) => (sphere::beam::cover(&local.spheres[i], lens, tile), None),
-        Kind::Triangle(i) => {
-            let v = local.triangle(&scene.triangles()[i]).corners();
-            let (cover, outline) = triangle::beam::cover(&v, lens, tile);
-            (cover, outline.map(|o| (v, o)))
         }
     }
 }

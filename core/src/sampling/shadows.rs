@@ -5,11 +5,12 @@ use glam::DVec3;
 use crate::beam::cover::{Depth, Shape};
 use crate::beam::gather::{Shaft, gather};
 use crate::beam::lens::{MARGIN, Pixels, Tile, pixels_above, row};
-use crate::shapes::{Kind, ObjectId, kind, sphere, triangle};
+use crate::shapes::ObjectId;
+use crate::shapes::beam::{Blocker, corners, cover, supporting_plane};
 use crate::traverse::PreparedScene;
 
 use super::coverage::Shapes;
-use super::proof::{Doubt, MIDDLE, View, object, open, supporting_plane};
+use super::proof::{Doubt, MIDDLE, View, open};
 
 /// Of a sheet of more triangles than this, the edges of shadows are not told apart.
 pub(super) const APART: usize = 2;
@@ -140,26 +141,15 @@ impl View<'_> {
     #[inline(always)]
     fn surface(&self, receiver: &Receiver) -> Surface {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
-        let corners = match kind(scene, ObjectId(receiver.id)) {
-            Kind::Triangle(i) => Some(local.triangle(&scene.triangles()[i]).corners()),
-            _ => None,
-        };
+        let corners = corners(scene, local, ObjectId(receiver.id));
         Surface { receiver: *receiver, flat: self.flat(receiver.id), corners, albedo: self.albedo(receiver) }
     }
 
     /// Object `id` as what may stand between `light` and points of the hull; none where it surely does not.
     #[inline(always)]
-    fn blocker(&self, id: u32, hull: &[DVec3; 8], light: DVec3, shaft: &Shaft) -> Option<Blocker> {
+    fn blocker(&self, id: u32, hull: &[DVec3; 8], light: DVec3, shaft: &Shaft) -> Option<(u32, Blocker)> {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
-        let body = match kind(scene, ObjectId(id)) {
-            Kind::Plane(_) => return None,
-            Kind::Sphere(i) => Body::Sphere(sphere::beam::Blocker::new(&local.spheres[i], shaft)?),
-            Kind::Triangle(i) => {
-                let v = local.triangle(&scene.triangles()[i]).corners();
-                Body::Triangle(triangle::beam::Blocker::new(v, hull, light, shaft)?)
-            }
-        };
-        Some(Blocker { id, body })
+        Some((id, Blocker::new(scene, local, ObjectId(id), hull, light, shaft)?))
     }
 
     /// What a light that falls in vertically makes of it.
@@ -170,7 +160,8 @@ impl View<'_> {
 
     #[inline(always)]
     fn flat(&self, id: u32) -> Option<Flat> {
-        let (n, h) = supporting_plane(self.tracer, id)?;
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let (n, h) = supporting_plane(scene, local, ObjectId(id))?;
         Some(if n.dot(self.lens.apex) < h { Flat { n: -n, h: -h } } else { Flat { n, h } })
     }
 
@@ -205,7 +196,7 @@ impl View<'_> {
 
     /// What may stand between `light` and any point of the surface that is seen.
     #[inline(always)]
-    fn between(&self, surface: &Surface, hull: &[DVec3; 8], light: DVec3, blockers: &[Blocker]) -> Between {
+    fn between(&self, surface: &Surface, hull: &[DVec3; 8], light: DVec3, blockers: &[(u32, Blocker)]) -> Between {
         let prepared = self.tracer.prepared();
         let receiver = &surface.receiver;
         for (i, plane) in prepared.local.planes.iter().enumerate() {
@@ -226,12 +217,13 @@ impl View<'_> {
             if (of_light > slack && most < -slack) || (of_light < -slack && least > slack) {
                 return Between::All;
             }
-            return Between::Some(std::iter::once(i as u32).chain(blockers.iter().map(|b| b.id)).collect());
+            return Between::Some(std::iter::once(i as u32).chain(blockers.iter().map(|(id, _)| *id)).collect());
         }
         let mut ids = Vec::new();
-        for b in blockers {
-            if b.id != receiver.id && !b.is_harmless(surface) {
-                ids.push(b.id);
+        for (id, blocker) in blockers {
+            let flat = surface.flat.map(|f| (f.n, f.h));
+            if *id != receiver.id && !blocker.is_harmless(flat, surface.corners.as_ref()) {
+                ids.push(*id);
             }
         }
         if ids.is_empty() { Between::Nothing } else { Between::Some(ids) }
@@ -242,9 +234,10 @@ impl View<'_> {
     fn edges(&self, receiver: &Receiver, flat: Flat, light: DVec3, blockers: &[u32], shapes: &mut Shapes) -> Pixels {
         let lens = self.lens.lit_from(light, flat.n, flat.h);
         let own = self.lens.along(flat.n, self.tile);
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
         let (mut touched, mut covered) = (0, 0);
         for &id in blockers {
-            let (cover, triangle) = object(self.tracer, id, &lens, self.tile);
+            let (cover, triangle) = cover(scene, local, ObjectId(id), &lens, self.tile);
             let (mut before, mut beyond) = (0, 0);
             for j in 0..8 {
                 if (cover.touched & receiver.pixels) >> (8 * j) & 0xff == 0 {
@@ -281,29 +274,4 @@ struct Surface {
     corners: Option<[DVec3; 3]>,
     /// What a light that falls in vertically makes of it.
     albedo: f64,
-}
-
-/// An object that may stand between a light and a group.
-struct Blocker {
-    id: u32,
-    body: Body,
-}
-
-enum Body {
-    Sphere(sphere::beam::Blocker),
-    Triangle(triangle::beam::Blocker),
-}
-
-impl Blocker {
-    /// Whether it is behind a flat surface, or has all of a triangle on the light's side.
-    #[inline(always)]
-    fn is_harmless(&self, surface: &Surface) -> bool {
-        let flat = surface.flat.map(|f| (f.n, f.h));
-        match &self.body {
-            Body::Sphere(body) => flat.is_some_and(|flat| body.is_behind(flat)),
-            Body::Triangle(body) => {
-                flat.is_some_and(|flat| body.is_behind(flat)) || surface.corners.is_some_and(|c| body.is_beyond(&c))
-            }
-        }
-    }
 }

@@ -13,6 +13,8 @@
 //! (`exact`), never by a tolerance.
 
 mod aabb;
+pub(crate) mod beam;
+mod bounds;
 pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod filter;
@@ -30,6 +32,7 @@ pub(crate) mod texture;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
+pub(crate) use bounds::coincide;
 pub(crate) use interaction::{SurfaceInteraction, TAKEN, interaction, interaction_double};
 pub(crate) use local::Local;
 pub(crate) use object::{

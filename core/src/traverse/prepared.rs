@@ -12,7 +12,7 @@ use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
 use crate::scene::Scene;
 use crate::shapes::giants::{Candidates, Giants};
 use crate::shapes::plane::exact::ExactPlanes;
-use crate::shapes::{Aabb, Kind, Local, ObjectId, kind, sphere, triangle};
+use crate::shapes::{Aabb, Local, ObjectId, coincide, sphere, triangle};
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -90,18 +90,6 @@ fn grows(b: &Aabb) -> bool {
     let lo = DVec3::from_array(b.lo.to_array().map(|x| f32::down(x).to_f64()));
     let hi = DVec3::from_array(b.hi.to_array().map(|x| f32::up(x).to_f64()));
     !(perimeter(lo, hi) <= 1.5 * perimeter(b.lo, b.hi))
-}
-
-/// Whether two objects are the same sphere, or triangles with the same corners: the first of them in the
-/// document is what is met where either is, at the very same distance, so that the other never matters.
-fn coincide(scene: &Scene, a: ObjectId, b: ObjectId) -> bool {
-    match (kind(scene, a), kind(scene, b)) {
-        (Kind::Sphere(i), Kind::Sphere(j)) => sphere::bounds::coincide(&scene.spheres()[i], &scene.spheres()[j]),
-        (Kind::Triangle(i), Kind::Triangle(j)) => {
-            triangle::bounds::coincide(&scene.triangles()[i], &scene.triangles()[j])
-        }
-        _ => false,
-    }
 }
 
 /// The boxes of all spheres and of all triangles with an area, and how many have none. `see` is
