@@ -1,6 +1,12 @@
 //! What rays meet: each shape in a folder of its own, with all that is particular to it.
 //!
-//! Objects are near the camera's origin and at unit size, in f64, with tests that know their own error.
+//! A file of a shape's folder is one facet of it: `bounds` and `local` (where it is), `filter` (before packets of f32),
+//! `mod` (before a ray over any `Real`), `giant` (the same around the eye), `exact` and `proof` (before a ray in wide
+//! numbers), `interaction` (where it is met), `texture`, `coplanar` (exact planes) and `beam` (before all points of a
+//! pixel). The file of the same name beside the folders has what shapes have in common there, and tells them apart:
+//! whoever traces asks it with an [`ObjectId`], and knows no shape.
+//!
+//! **Numbering.** Planes have the least ids, then spheres, then triangles, see `object`.
 //!
 //! **Local space.** Coordinates here are (world − camera location) · 2^−k, k such that the
 //! largest finite object reaches about 1. Both steps are exact or lose at most half a unit
@@ -36,7 +42,8 @@ pub(crate) use bounds::coincide;
 pub(crate) use interaction::{SurfaceInteraction, TAKEN, interaction, interaction_double};
 pub(crate) use local::Local;
 pub(crate) use object::{
-    Decision, INSIDE, Kind, NONE, ObjectId, SPHERES, TRIANGLES, all_same, kind, surface_and_order,
+    Decision, INSIDE, Kind, NONE, ObjectId, SPHERES, TRIANGLES, all_same, first_sphere, first_triangle, kind,
+    surface_and_order,
 };
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
 pub(crate) use test::{test, test_double};

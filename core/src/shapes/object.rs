@@ -43,6 +43,18 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// Set in an object's id where a sphere's inner side is struck.
 pub(crate) const INSIDE: u32 = 1 << 31;
 
+/// The id of the first sphere; those of planes are less.
+#[inline(always)]
+pub(crate) fn first_sphere(scene: &Scene) -> u32 {
+    scene.planes().len() as u32
+}
+
+/// The id of the first triangle; those of planes and spheres are less.
+#[inline(always)]
+pub(crate) fn first_triangle(scene: &Scene) -> u32 {
+    (scene.planes().len() + scene.spheres().len()) as u32
+}
+
 /// What [`ObjectId`] `id` names in `scene`.
 pub(crate) fn kind(scene: &Scene, id: ObjectId) -> Kind {
     let i = id.0 as usize;

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::exact::{ExactHit, LAST};
-use super::{Decision, Kind, Local, ObjectId, Ray, SurfaceInteraction, kind, plane, sphere, triangle};
+use super::{Decision, Kind, Local, ObjectId, Ray, SurfaceInteraction, first_sphere, kind, plane, sphere, triangle};
 use crate::numeric::{Bound, Unsure, Vector};
 use crate::scene::{Pigment, Scene};
 
@@ -46,7 +46,7 @@ pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
     let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Texture(_));
     let planes = scene.planes().iter().enumerate().filter(|(_, p)| pictured(p.surface));
     let planes = planes.map(|(i, p)| plane::texture::mapping(ObjectId(i as u32), p, local, scene));
-    let first = scene.planes().len() as u32;
+    let first = first_sphere(scene);
     let spheres = scene.orientations().iter();
     let spheres = spheres.map(|&(i, o)| sphere::texture::mapping(ObjectId(first + i), o, local, scene));
     planes.chain(spheres).collect()

@@ -17,7 +17,7 @@ use crate::numeric::{Balls, Unsure, V3};
 use crate::scene::Scene;
 use crate::shapes::coplanar::FlatObject;
 use crate::shapes::integers::to_integers;
-use crate::shapes::{Decision, Local, ObjectId, triangle};
+use crate::shapes::{Decision, Local, ObjectId, first_triangle, triangle};
 
 /// The plane holds the eye.
 const EYE: u32 = 1 << 30;
@@ -223,7 +223,7 @@ impl PreparedScene {
     /// Looks at every plane and triangle that has an area.
     pub(crate) fn shared_planes(&self) -> SharedPlanes {
         let scene = &*self.scene;
-        let first = scene.planes().len() + scene.spheres().len();
+        let first = first_triangle(scene) as usize;
         let triangles = (0..scene.triangles().len()).filter(|&i| {
             let t = &scene.triangles()[i];
             !triangle::bounds::has_no_area(t)

@@ -7,7 +7,7 @@ use super::packet::Leaves;
 use crate::bvh::{Boxes, Coordinate};
 use crate::scene::Scene;
 use crate::shapes::giants::Giants;
-use crate::shapes::{Local, SPHERES, TRIANGLES, plane, sphere, triangle};
+use crate::shapes::{Local, SPHERES, TRIANGLES, first_sphere, first_triangle, plane, sphere, triangle};
 
 /// What packets meet.
 #[derive(Debug)]
@@ -26,8 +26,7 @@ impl Filter {
     /// The filter of a scene whose boxes are f32; others are not for f32 at all.
     pub(crate) fn new(scene: &Scene, local: &Local, boxes: &Boxes, giants: &Giants) -> Option<Self> {
         let Boxes::F32(bvh) = boxes else { return None };
-        let first = scene.planes().len() as u32;
-        let first_triangle = first + scene.spheres().len() as u32;
+        let (first, first_triangle) = (first_sphere(scene), first_triangle(scene));
         // Which giants f32 holds: of others nothing is sure in leaves.
         let spheres: Vec<_> = giants.spheres.iter().filter_map(sphere::filter::Giant::new).collect();
         let triangles: Vec<_> = giants.triangles.iter().filter_map(triangle::filter::Giant::new).collect();

@@ -12,7 +12,7 @@ use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
 use crate::scene::Scene;
 use crate::shapes::giants::{Candidates, Giants};
 use crate::shapes::plane::exact::ExactPlanes;
-use crate::shapes::{Aabb, Local, ObjectId, coincide, sphere, triangle};
+use crate::shapes::{Aabb, Local, ObjectId, coincide, first_triangle, sphere, triangle};
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -65,9 +65,8 @@ impl PreparedScene {
                 outgrown.fetch_add(1, Ordering::Relaxed);
             }
         });
-        let first_triangle = (scene.planes().len() + scene.spheres().len()) as u32;
         let hidden = |a: u32, b: u32| b < a && coincide(scene, ObjectId(a), ObjectId(b));
-        let builder = Builder::new([first_triangle], singles.len(), &hidden);
+        let builder = Builder::new([first_triangle(scene)], singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
             Boxes::F64(hierarchy(items::<f64>(scene, local, &|_, _| ()).0, &builder))

@@ -7,7 +7,7 @@ use crate::film::PlanePoint;
 use crate::integrate::camera;
 use crate::numeric::V3;
 use crate::shapes::filter::U32;
-use crate::shapes::{INSIDE, NONE, Ray};
+use crate::shapes::{INSIDE, NONE, Ray, first_triangle};
 use crate::simd::{F32x16, F64x8, Floats, LANES, Mask, Simd, prefetch};
 use crate::traverse::packet::{self, Packet, Ties, Walk};
 
@@ -120,7 +120,7 @@ impl Stage<'_> {
         if scene.triangles().is_empty() {
             return;
         }
-        let first = (scene.planes().len() + scene.spheres().len()) as u32;
+        let first = first_triangle(scene);
         for id in met {
             prefetch(scene.triangles(), (id & !INSIDE).wrapping_sub(first) as usize, 1);
         }

@@ -10,7 +10,10 @@ use crate::integrate::shade;
 use crate::integrate::texels::TEXEL;
 use crate::numeric::{Real, V3};
 use crate::scene::{Pigment, TextureId};
-use crate::shapes::{Decision, INSIDE, NONE, ObjectId, SurfaceInteraction, all_same, plane, sphere, texture, triangle};
+use crate::shapes::{
+    Decision, INSIDE, NONE, ObjectId, SurfaceInteraction, all_same, first_sphere, first_triangle, plane, sphere,
+    texture, triangle,
+};
 use crate::simd::{F64x8, Simd, three};
 use crate::traverse::PreparedScene;
 
@@ -26,8 +29,7 @@ impl Stage<'_> {
     ) {
         let PreparedScene { local, scene, .. } = &*self.tracer.prepared;
         interactions.reset(rays.count);
-        let planes = local.planes.len() as u32;
-        let spheres = planes + local.spheres.len() as u32;
+        let (planes, spheres) = (first_sphere(scene), first_triangle(scene));
         kinds.counts = [0; 4];
         for i in 0..rays.count {
             let bare = interactions.met[i] & !INSIDE;
