@@ -4,7 +4,8 @@
 //! `mod` (before a ray over any `Real`), `giant` (the same around the eye), `exact` and `proof` (before a ray in wide
 //! numbers), `interaction` (where it is met), `texture`, `coplanar` (exact planes) and `beam` (before all points of a
 //! pixel). The file of the same name beside the folders has what shapes have in common there, and tells them apart:
-//! whoever traces asks it with an [`ObjectId`], and knows no shape.
+//! whoever traces asks it with an [`ObjectId`]. Only where many rays or lanes
+//! are dealt with by shape, whoever does that knows them: packets (`traverse`) and waves (`integrate`).
 //!
 //! **Numbering.** Planes have the least ids, then spheres, then triangles, see `object`.
 //!
@@ -38,7 +39,7 @@ pub(crate) mod texture;
 pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
-pub(crate) use bounds::coincide;
+pub(crate) use bounds::{bounds, coincide};
 pub(crate) use interaction::{SurfaceInteraction, TAKEN, interaction, interaction_double};
 pub(crate) use local::Local;
 pub(crate) use object::{

@@ -12,7 +12,7 @@ use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
 use crate::scene::Scene;
 use crate::shapes::giants::{Candidates, Giants};
 use crate::shapes::plane::exact::ExactPlanes;
-use crate::shapes::{Aabb, Local, ObjectId, coincide, first_triangle, sphere, triangle};
+use crate::shapes::{Aabb, Local, ObjectId, bounds, coincide, first_sphere, first_triangle};
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -94,21 +94,19 @@ fn grows(b: &Aabb) -> bool {
 /// The boxes of all spheres and of all triangles with an area, and how many have none. `see` is
 /// called with each id and its box before that is rounded.
 fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(u32, &Aabb) + Sync)) -> (Vec<Item<T>>, usize) {
-    let (first, spheres) = (scene.planes().len(), local.spheres.len());
-    let item = |i: usize| {
-        let b = match i.checked_sub(spheres).map(|i| &scene.triangles()[i]) {
-            None => sphere::bounds::bounds(&local.spheres[i]),
-            Some(t) => triangle::bounds::bounds(t, local),
-        };
+    let first = first_sphere(scene);
+    let item = |i: u32| {
+        let id = first + i;
+        let b = bounds(scene, local, ObjectId(id));
         if b != Aabb::EMPTY {
-            see((first + i) as u32, &b);
+            see(id, &b);
         }
-        Item::new(b.lo.to_array().map(T::down), b.hi.to_array().map(T::up), (first + i) as u32)
+        Item::new(b.lo.to_array().map(T::down), b.hi.to_array().map(T::up), id)
     };
     // Every one in its place first: that needs no second copy.
-    let all = spheres + scene.triangles().len();
+    let all = scene.spheres().len() + scene.triangles().len();
     let mut items = roomy(all);
-    items.par_extend((0..all).into_par_iter().map(item));
+    items.par_extend((0..all as u32).into_par_iter().map(item));
     if items.par_iter().any(Item::is_empty) {
         items.retain(|i| !i.is_empty());
     }
