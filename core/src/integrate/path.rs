@@ -20,6 +20,75 @@ pub(crate) struct PathScratch {
     cosines: Vec<f64>,
 }
 
+/// Decides what a path meets: in f64, and where that leaves it open, by its refiner.
+struct Decider<'a> {
+    /// Whether there is one, or f64's own value decides.
+    refines: bool,
+    query: &'a mut Scratch,
+    refiner: Refiner,
+    counts: &'a mut RayCounts,
+}
+
+impl Decider<'_> {
+    /// What `ray`, which starts on `from`, meets first.
+    fn closest(&mut self, case: &Case<'_>, ray: &Ray, from: Option<Decision>) -> Option<Decision> {
+        match case.tracer.prepared.closest(ray, from, self.query) {
+            Closest::Nothing => None,
+            Closest::Sure(decision) => Some(decision),
+            Closest::Doubt if !self.refines => self.query.likely_closest(),
+            Closest::Doubt => {
+                self.counts.refined += 1;
+                self.refiner.closest(case, &self.query.candidates().collect::<Vec<_>>())
+            }
+        }
+    }
+
+    /// Whether anything is between the point of `met` and the `k`-th light, to which `segment` leads.
+    fn occluded(&mut self, case: &Case<'_>, segment: &Ray, met: Decision, k: usize) -> bool {
+        match case.tracer.prepared.occluded(segment, Some(met), Some(k), self.query) {
+            Occluded::No => false,
+            Occluded::Yes => true,
+            Occluded::Doubt if !self.refines => self.query.likely_occluded(),
+            Occluded::Doubt => {
+                self.counts.refined += 1;
+                let candidates: Vec<_> = self.query.candidates().collect();
+                self.refiner.occluded(case, met, k, &candidates)
+            }
+        }
+    }
+
+    /// The cosines towards the lights that reach the point of `met`, in their order.
+    fn cosines(
+        &mut self,
+        case: &Case<'_>,
+        met: Decision,
+        interaction: &SurfaceInteraction,
+        refined: Option<&Refined>,
+        cosines: &mut Vec<f64>,
+    ) {
+        let prepared = &case.tracer.prepared;
+        cosines.clear();
+        for (k, &light) in prepared.local.lights.iter().enumerate() {
+            let light = V3::splat(light);
+            let incidence = shade::incidence(interaction, light);
+            let cosine = match refined {
+                Some(Refined { hit: Some(hit), .. }) => hit.cosines[k],
+                _ => incidence.cosine,
+            };
+            // A light in the plane of a surface does not light it.
+            let in_plane = prepared.planes_with_light(k).contains(&met.id.0);
+            if !(cosine > 0.0) || in_plane {
+                continue;
+            }
+            self.counts.shadow += 1;
+            let segment = shade::towards(interaction, light, incidence.l);
+            if !self.occluded(case, &segment, met, k) {
+                cosines.push(cosine);
+            }
+        }
+    }
+}
+
 impl Tracer {
     /// What is seen through `point`, by rays of more weight than `least`.
     pub(crate) fn sample(
@@ -32,29 +101,20 @@ impl Tracer {
         let scene = &*self.prepared.scene;
         let PathScratch { query, trail, cosines } = scratch;
         trail.clear();
-        let mut refiner = Refiner::default();
         let refines = self.refinement == Refinement::On;
+        let mut decider = Decider { refines, query, refiner: Refiner::default(), counts };
         let mut ray = self.frame.ray(point);
         let mut from: Option<Decision> = None;
         let mut throughput = 1.0;
         let mut sum = DVec3::ZERO;
-        counts.camera += 1;
+        decider.counts.camera += 1;
         for depth in 1..=self.settings.max_depth {
             if self.is_unwanted() {
                 break;
             }
             let case = Case { tracer: self, point, trail };
-            let decision = match self.prepared.closest(&ray, from, query) {
-                Closest::Nothing => None,
-                Closest::Sure(decision) => Some(decision),
-                Closest::Doubt if !refines => query.likely_closest(),
-                Closest::Doubt => {
-                    counts.refined += 1;
-                    refiner.closest(&case, &query.candidates().collect::<Vec<_>>())
-                }
-            };
-            let Some(decision) = decision else {
-                counts.unresolved += u64::from(refiner.unresolved());
+            let Some(decision) = decider.closest(&case, &ray, from) else {
+                decider.counts.unresolved += u64::from(decider.refiner.unresolved());
                 let background = self.background * throughput;
                 return Sample { radiance: sum + background };
             };
@@ -69,7 +129,8 @@ impl Tracer {
                 interaction = interaction.taken_as_it_is();
                 ray.ed = 4.0 * U;
             }
-            let mut refined = if too_wide { refiner.interaction(&case, decision, throughput, goes_on) } else { None };
+            let mut refined =
+                if too_wide { decider.refiner.interaction(&case, decision, throughput, goes_on) } else { None };
             let mut color = material.albedo;
             if let Pigment::Texture(picture) = material.pigment {
                 let picture_data = &scene.textures()[picture.0 as usize];
@@ -77,7 +138,7 @@ impl Tracer {
                 let (mut uv, e) =
                     texture::coordinates(scene, &self.prepared.local, &self.mappings, decision, &interaction, &ray);
                 if refines && refined.is_none() && !(e * size <= TEXEL) {
-                    refined = refiner.interaction(&case, decision, throughput, goes_on);
+                    refined = decider.refiner.interaction(&case, decision, throughput, goes_on);
                 }
                 if let Some(Refined { hit: Some(hit), .. }) = &refined {
                     uv = hit.uv;
@@ -85,51 +146,20 @@ impl Tracer {
                 color *= self.picture_color(picture, uv, decision.id);
             }
             if let Some(refined) = &refined {
-                counts.refined += 1;
+                decider.counts.refined += 1;
                 interaction = refined.interaction;
             }
             if color != DVec3::ZERO {
-                cosines.clear();
-                for (k, &light) in self.prepared.local.lights.iter().enumerate() {
-                    let light = V3::splat(light);
-                    let incidence = shade::incidence(&interaction, light);
-                    let cosine = match &refined {
-                        Some(Refined { hit: Some(hit), .. }) => hit.cosines[k],
-                        _ => incidence.cosine,
-                    };
-                    // A light in the plane of a surface does not light it.
-                    let in_plane = self.prepared.planes_with_light(k).contains(&decision.id.0);
-                    if !(cosine > 0.0) || in_plane {
-                        continue;
-                    }
-                    counts.shadow += 1;
-                    let shadow = shade::towards(&interaction, light, incidence.l);
-                    let blocked = match self.prepared.occluded(&shadow, Some(decision), Some(k), query) {
-                        Occluded::No => false,
-                        Occluded::Yes => true,
-                        Occluded::Doubt if !refines => query.likely_occluded(),
-                        Occluded::Doubt => {
-                            counts.refined += 1;
-                            let candidates: Vec<_> = query.candidates().collect();
-                            refiner.occluded(&case, decision, k, &candidates)
-                        }
-                    };
-                    if !blocked {
-                        cosines.push(cosine);
-                    }
-                }
+                decider.cosines(&case, decision, &interaction, refined.as_ref(), cosines);
                 let lit: f64 = cosines.iter().sum();
                 let direct = color * (throughput * lit);
                 sum += direct;
             }
             throughput *= material.reflect;
-            if throughput == 0.0 {
+            if throughput == 0.0 || !goes_on {
                 break;
             }
-            if !goes_on {
-                break;
-            }
-            counts.mirror += 1;
+            decider.counts.mirror += 1;
             ray = match &refined {
                 Some(refined) => Ray::new(interaction.p, V3::splat(refined.mirrored), interaction.ep, refined.turn),
                 None => shade::reflect(&ray, &interaction),
@@ -137,7 +167,7 @@ impl Tracer {
             trail.push(decision);
             from = Some(decision);
         }
-        counts.unresolved += u64::from(refiner.unresolved());
+        decider.counts.unresolved += u64::from(decider.refiner.unresolved());
         Sample { radiance: sum }
     }
 

@@ -83,20 +83,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
 ) {
     let rays = Rays::<S>::new(packet);
     if !filter.planes.is_empty() {
-        let ed = S::F32x16::load(&packet.ed);
-        for (k, plane) in filter.planes.iter().enumerate() {
-            let mut mask = visitor.active() & !S::equal(&packet.own, k as u32);
-            if plane.through_eye {
-                mask &= !S::equal(&packet.own, NONE);
-            }
-            if visitor.exempt().contains(&(k as u32)) {
-                continue;
-            }
-            let m = plane::filter::intersect(&rays.ray, plane, ed, mask);
-            if m.may != 0 {
-                visitor.visit(k as u32, None, m, doubts);
-            }
-        }
+        planes::<S, V>(filter, packet, &rays, visitor, doubts);
     }
     if !(filter.giant_spheres.is_empty() && filter.giant_triangles.is_empty()) {
         giants::<S, V>(filter, packet, &rays, visitor, doubts);
@@ -158,6 +145,31 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
                 }
                 journey.shorten(visitor.bound());
             }
+        }
+    }
+}
+
+/// Shows the visitor what rays meet of the planes.
+#[inline(always)]
+fn planes<S: Simd, V: Visit<S>>(
+    filter: &Filter,
+    packet: &Packet,
+    rays: &Rays<S>,
+    visitor: &mut V,
+    doubts: &mut Vec<Doubt>,
+) {
+    let ed = S::F32x16::load(&packet.ed);
+    for (k, plane) in filter.planes.iter().enumerate() {
+        let mut mask = visitor.active() & !S::equal(&packet.own, k as u32);
+        if plane.through_eye {
+            mask &= !S::equal(&packet.own, NONE);
+        }
+        if visitor.exempt().contains(&(k as u32)) {
+            continue;
+        }
+        let m = plane::filter::intersect(&rays.ray, plane, ed, mask);
+        if m.may != 0 {
+            visitor.visit(k as u32, None, m, doubts);
         }
     }
 }
