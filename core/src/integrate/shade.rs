@@ -14,7 +14,7 @@ pub(crate) const VALUE: f64 = 1.0 / (1u64 << 13) as f64;
 /// would no longer dominate.
 pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 11) as f64;
 
-/// SurfaceInteractions less sure than this, beside the scene's size and their distance, ask for it too: rays
+/// Surface interactions less sure than this, beside the scene's size and their distance, ask for it too: rays
 /// that leave them would be in doubt about everything within that reach.
 pub(crate) const PLACE: f64 = 1.0 / (1u64 << 14) as f64;
 

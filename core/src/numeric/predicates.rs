@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Big, Vector};
 
-/// Bvh enough that products of differences of any two f64 are exact: differences span at
+/// Wide enough that products of differences of any two f64 are exact: differences span at
 /// most 2098 bits, a product of one with an f64 2151, the difference of two such 4 300.
 pub(crate) type Exact = Vector<68>;
 

@@ -128,7 +128,7 @@ impl SurfaceInteractions {
         (self.ep[i], self.en[i]) = (interaction.ep, interaction.en);
     }
 
-    /// SurfaceInteractions `at` to `at` + 8.
+    /// Surface interactions `at` to `at` + 8.
     #[inline(always)]
     pub(super) fn eight<S: Simd>(&self, at: usize) -> SurfaceInteraction<S::F64x8> {
         SurfaceInteraction {

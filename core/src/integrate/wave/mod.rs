@@ -156,7 +156,7 @@ impl Kernel for Wave<'_> {
             counts: RayCounts { camera: n as u64, ..RayCounts::default() },
             trails,
             query: &mut path.query,
-            courts: Vec::new(),
+            refiners: Vec::new(),
             refined_interactions: Vec::new(),
             step: 0,
             least: self.least,

@@ -26,9 +26,9 @@ pub(super) struct Paths<'a> {
     /// Per step, what each path met.
     pub(super) trails: &'a mut Vec<Column<u32>>,
     pub(super) query: &'a mut Scratch,
-    /// Bvh arithmetic of the paths that needed it; empty until one does.
-    pub(super) courts: Vec<Option<Box<Refiner>>>,
-    /// SurfaceInteractions of this step that f64 alone would misplace.
+    /// Wide arithmetic of the paths that needed it; empty until one does.
+    pub(super) refiners: Vec<Option<Box<Refiner>>>,
+    /// Surface interactions of this step that f64 alone would misplace.
     pub(super) refined_interactions: Vec<Refined>,
     /// Mirrors behind the rays of this step.
     pub(super) step: usize,
@@ -107,17 +107,17 @@ impl Paths<'_> {
     /// Puts a question about `path` to its refiner, with what that path met before this step.
     fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Refiner, &Case<'_>) -> A) -> A {
         self.counts.refined += 1;
-        if self.courts.is_empty() {
-            self.courts.resize_with(self.points.len(), || None);
+        if self.refiners.is_empty() {
+            self.refiners.resize_with(self.points.len(), || None);
         }
         let trail: Vec<_> = self.trails[..self.step].iter().filter_map(|met| Decision::of(met[path])).collect();
         let case = Case { tracer: self.tracer, point: self.points[path], trail: &trail };
-        question(self.courts[path].get_or_insert_default(), &case)
+        question(self.refiners[path].get_or_insert_default(), &case)
     }
 
     /// Of which paths something stayed open in the widest numbers; empty where none was asked about.
     pub(super) fn unresolved(&self) -> Vec<bool> {
-        self.courts.iter().map(|c| c.as_ref().is_some_and(|c| c.unresolved())).collect()
+        self.refiners.iter().map(|c| c.as_ref().is_some_and(|c| c.unresolved())).collect()
     }
 
     /// Decides what ray `i` meets: in f64 among `candidates`, or all objects, and if need be beyond.
