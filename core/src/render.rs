@@ -1,14 +1,14 @@
-//! Tiles: the points of a sampling traced, and their means taken. Above both [`trace`](crate::trace), which knows nothing
+//! Tiles: the points of a sampling traced, and their means taken. Above both `integrate`, which knows nothing
 //! of pixels, and [`sampling`](crate::sampling), which chooses the points.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::film::{ErrorEstimate, Region, Tile};
+use crate::film::{ErrorEstimate, PlanePoint, Region, Tile};
+use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch, packets};
 use crate::sampling::points::Sequence;
 use crate::sampling::{adaptive, coarse};
 use crate::settings::{AuditRate, Detail, Pass, Sampling};
-use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
 /// Pixels along the edge of the blocks that threads take: large ones keep more of the rays that
 /// mirrors send on side by side, small ones keep more threads busy.

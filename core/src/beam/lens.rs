@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::trace::UNIT;
+use crate::film::UNIT;
 
 /// Pixels along a tile's edge.
 pub(crate) const EDGE: u32 = 8;

@@ -9,13 +9,15 @@ use proptest::prelude::*;
 use super::cover::{Cover, Depth};
 use super::gather::{Pyramid, Shaft, gather};
 use super::lens::{EDGE, HALF, Lens, Tile};
+use crate::film::PlanePoint;
+use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch};
 use crate::sampling::points::{Sequence, centre, mix};
-use crate::sampling::proof::{object, prove};
-use crate::scene::ObjectId;
-use crate::scene::local::{Kind, kind};
+use crate::sampling::proof::prove;
 use crate::scene::{Pigment, PlanePosition, SceneBuilder, Surface};
 use crate::settings::{Sampling, Settings, Transfer, View};
-use crate::trace::{PlanePoint, PreparedScene, RayCounts, Sample, Tracer, WaveScratch};
+use crate::shapes::beam::cover;
+use crate::shapes::{Kind, ObjectId, kind};
+use crate::traverse::PreparedScene;
 
 const SIZE: (u32, u32) = (64, 48);
 
@@ -178,7 +180,8 @@ fn check_all(tracer: &Tracer, lens: &Lens, tile: &Tile, random: &mut Random) {
     let mut found = Vec::new();
     assert!(gather(&tracer.prepared().boxes, &Pyramid::new(lens, tile), 1000, &mut found));
     for id in ids(tracer) {
-        let (cover, _) = object(tracer, id, lens, tile);
+        let prepared = tracer.prepared();
+        let (cover, _) = cover(&prepared.scene, &prepared.local, ObjectId(id), lens, tile);
         let is_plane = matches!(kind(&tracer.prepared().scene, ObjectId(id)), Kind::Plane(_));
         check_cover(tracer, id, &cover, lens, tile, random, is_plane || found.contains(&id));
     }

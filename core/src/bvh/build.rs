@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::coordinate::{Coordinate, Quad};
 use super::split::{Item, Run, cut};
-use super::tree::{Bvh, Child, Node, WIDTH};
+use super::tree::{Bvh, Child, KINDS, Node, WIDTH};
 
 /// The most items of a leaf.
 const MAX_LEAF: usize = 8;
@@ -28,8 +28,8 @@ const ALIKE: usize = 64;
 
 /// What is built of all items alike.
 pub(crate) struct Builder<'a> {
-    /// Items with tags from here on are of kind 0, others of kind 1.
-    first: u32,
+    /// Where kinds end, by falling tags: from the first on, tags are of kind 0, below the last, of the last kind.
+    ends: [u32; KINDS - 1],
     /// Whether the first never matters beside the second, where both have the same box.
     hidden: &'a (dyn Fn(u32, u32) -> bool + Sync),
     /// What a step down costs, in intersection tests.
@@ -51,12 +51,12 @@ struct Task<T: Coordinate> {
 }
 
 impl<'a> Builder<'a> {
-    /// For `count` items; see the fields. Tags from `first` on are of kind 0.
-    pub(crate) fn new(first: u32, count: usize, hidden: &'a (dyn Fn(u32, u32) -> bool + Sync)) -> Self {
+    /// For `count` items; see the fields.
+    pub(crate) fn new(ends: [u32; KINDS - 1], count: usize, hidden: &'a (dyn Fn(u32, u32) -> bool + Sync)) -> Self {
         // Tests are cheap in wide registers; the wait for a node's memory is longer where nodes are many. The same
         // for any processor: what is sampled depends on which boxes a beam meets, and so on the hierarchy.
         let step = if count > MANY { 4.5 } else { 3.5 };
-        Self { first, hidden, step }
+        Self { ends, hidden, step }
     }
 
     /// The hierarchy over `items`, which are put in another order. Uses the calling rayon pool.
@@ -99,7 +99,7 @@ impl<'a> Builder<'a> {
     }
 
     fn kind(&self, tag: u32) -> u8 {
-        u8::from(tag < self.first)
+        self.ends.iter().map(|&end| u8::from(tag < end)).sum()
     }
 
     /// Cuts `run`, whose items are `items`, and what comes of it, into runs of a few.
@@ -158,8 +158,9 @@ impl<'a> Builder<'a> {
     /// Puts kinds apart, or else halves; ids make them the same halves always.
     fn sort<T: Coordinate>(&self, items: &mut [Item<T>]) -> usize {
         items.sort_unstable_by_key(Item::tag);
-        let middle = items.partition_point(|i| i.tag() < self.first);
-        if middle == 0 || middle == items.len() { items.len() / 2 } else { middle }
+        let kind = self.kind(items[0].tag());
+        let middle = items.partition_point(|i| self.kind(i.tag()) == kind);
+        if middle == items.len() { items.len() / 2 } else { middle }
     }
 
     /// Moves those that are not hidden to the front; says how many they are.

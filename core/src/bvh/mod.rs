@@ -15,7 +15,7 @@ mod tree;
 pub(crate) use build::Builder;
 pub(crate) use coordinate::Coordinate;
 pub(crate) use split::Item;
-pub(crate) use tree::{Bvh, Child, Link, Node, WIDTH};
+pub(crate) use tree::{Bvh, Child, KINDS, Link, Node, WIDTH};
 
 /// The hierarchy, in the narrowest coordinates that serve the scene.
 #[derive(Debug)]

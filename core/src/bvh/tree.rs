@@ -9,6 +9,9 @@ use crate::simd::roomy;
 /// Children of a node.
 pub(crate) const WIDTH: usize = 8;
 
+/// Kinds of items, of which a leaf has one. What they are is known to who builds and who walks, not here.
+pub(crate) const KINDS: usize = 2;
+
 /// A child: nothing, an inner node, or a run of items of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Child(u32);
@@ -32,12 +35,13 @@ impl Child {
     /// Node 0.
     pub(crate) const ROOT: Self = Self(0);
     const LEAF: u32 = 1 << 31;
-    const KIND: u32 = 1 << 30;
-    const COUNT_SHIFT: u32 = 27;
+    /// Below it the kind, in as many bits as there are kinds for; then the count, in three; then the start.
+    const KIND_SHIFT: u32 = 31 - (KINDS - 1).ilog2() - 1;
+    const COUNT_SHIFT: u32 = Self::KIND_SHIFT - 3;
 
     pub(super) fn leaf(kind: u8, start: u32, count: u32) -> Self {
-        debug_assert!((1..=8).contains(&count) && kind < 2);
-        Self(Self::LEAF | if kind == 1 { Self::KIND } else { 0 } | ((count - 1) << Self::COUNT_SHIFT) | start)
+        debug_assert!((1..=8).contains(&count) && usize::from(kind) < KINDS);
+        Self(Self::LEAF | u32::from(kind) << Self::KIND_SHIFT | ((count - 1) << Self::COUNT_SHIFT) | start)
     }
 
     pub(crate) fn inner(index: usize) -> Self {
@@ -51,7 +55,7 @@ impl Child {
             Link::Inner(self.0 as usize)
         } else {
             Link::Leaf {
-                kind: u8::from(self.0 & Self::KIND != 0),
+                kind: ((self.0 & !Self::LEAF) >> Self::KIND_SHIFT) as u8,
                 start: (self.0 & ((1 << Self::COUNT_SHIFT) - 1)) as usize,
                 count: ((self.0 >> Self::COUNT_SHIFT) & 7) as usize + 1,
             }
@@ -90,7 +94,7 @@ impl<T: Coordinate> Node<T> {
 pub(crate) struct Bvh<T> {
     pub(crate) nodes: Vec<Node<T>>,
     /// Ids of the items of each kind, in the order leaves name them.
-    pub(crate) ids: [Vec<u32>; 2],
+    pub(crate) ids: [Vec<u32>; KINDS],
     /// Ends of the whole on each axis.
     pub(crate) lo: [f64; 3],
     pub(crate) hi: [f64; 3],
@@ -98,7 +102,7 @@ pub(crate) struct Bvh<T> {
 
 impl<T> Default for Bvh<T> {
     fn default() -> Self {
-        Self { nodes: Vec::new(), ids: [Vec::new(), Vec::new()], lo: [0.0; 3], hi: [0.0; 3] }
+        Self { nodes: Vec::new(), ids: [const { Vec::new() }; KINDS], lo: [0.0; 3], hi: [0.0; 3] }
     }
 }
 
@@ -107,14 +111,14 @@ impl<T: Coordinate> Bvh<T> {
     /// node and slot.
     pub(super) fn with(mut self, parts: Vec<(Self, (usize, usize))>) -> Self {
         // The node and the ids that every part begins with, these nodes being the first.
-        let mut begins = vec![(0, [0; 2])];
-        let mut end = (self.nodes.len(), [self.ids[0].len(), self.ids[1].len()]);
+        let mut begins = vec![(0, [0; KINDS])];
+        let mut end = (self.nodes.len(), self.ids.each_ref().map(Vec::len));
         for (part, (parent, slot)) in &parts {
             self.nodes[*parent].child[*slot] = Child::inner(end.0);
             begins.push(end);
-            end = (end.0 + part.nodes.len(), [0, 1].map(|kind| end.1[kind] + part.ids[kind].len()));
+            end = (end.0 + part.nodes.len(), std::array::from_fn(|kind| end.1[kind] + part.ids[kind].len()));
         }
-        let moved = |child: Child, (nodes, ids): (usize, [usize; 2])| match child.link() {
+        let moved = |child: Child, (nodes, ids): (usize, [usize; KINDS])| match child.link() {
             Link::Nothing => child,
             Link::Inner(index) => Child::inner(nodes + index),
             Link::Leaf { kind, start, count } => {

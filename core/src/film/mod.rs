@@ -1,4 +1,4 @@
-//! Tiles, pictures, files.
+//! The image plane, tiles, pictures, files.
 
 pub mod encode;
 mod error;
@@ -7,6 +7,7 @@ pub mod file;
 mod flip;
 mod image;
 mod metrics;
+mod plane;
 mod region;
 pub mod transfer;
 
@@ -14,6 +15,8 @@ pub use error::{ErrorEstimate, Sum};
 pub use false_colour::{FalseColour, differences};
 pub use image::{Image, PixelsRef, pixels_sha256};
 pub use metrics::Metrics;
+pub use plane::PlanePoint;
+pub(crate) use plane::{GRID, UNIT};
 pub use region::Region;
 
 /// A rendered part of a picture: linear radiance, rows from the top.

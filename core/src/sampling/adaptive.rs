@@ -18,9 +18,9 @@ use super::pixel::{Pixel, Rule};
 use super::points::{Sequence, centre, with_apron};
 use super::proof::{Doubt, prove};
 use crate::beam::lens::EDGE;
-use crate::film::{ErrorEstimate, Region, Tile};
+use crate::film::{ErrorEstimate, PlanePoint, Region, Tile};
+use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch, packets};
 use crate::settings::{AuditRate, Tolerance};
-use crate::trace::{PlanePoint, RayCounts, Sample, Tracer, WaveScratch, packets};
 
 /// Pixels along the edge of the pieces of a region that are worked on at a time.
 const PIECE: u32 = 256;

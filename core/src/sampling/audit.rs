@@ -9,8 +9,8 @@ use super::adaptive::mean;
 use super::composite::Composite;
 use super::points::{Sequence, hash};
 use crate::film::ErrorEstimate;
+use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch};
 use crate::settings::{AuditRate, Tolerance};
-use crate::trace::{RayCounts, Sample, Tracer, WaveScratch};
 
 /// Sets of points: whose hash draws a pixel, and the two that it is sampled by.
 const DRAW: u64 = 1;

@@ -6,8 +6,8 @@ use super::adaptive::block_pixels;
 use super::audit::{self, Audited};
 use super::points::{Sequence, hash};
 use crate::film::{ErrorEstimate, Region, Tile};
+use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch};
 use crate::settings::{AuditRate, Tolerance};
-use crate::trace::{RayCounts, Sample, Tracer, WaveScratch};
 
 /// Draws the pixel of a square that is sampled.
 const PICK: u64 = 4;

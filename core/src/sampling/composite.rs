@@ -5,8 +5,9 @@ use glam::DVec3;
 use super::coverage::{PixelPoint, Polygon};
 use super::pixel::{Pixel, Rule};
 use super::points::Sequence;
+use crate::film::PlanePoint;
+use crate::integrate::Sample;
 use crate::settings::View;
-use crate::trace::{PlanePoint, Sample};
 
 /// Points that a zone between edges begins with, a ball among others at most, and what is in no part.
 const ZONE: u32 = 8;

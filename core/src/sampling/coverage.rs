@@ -6,7 +6,7 @@
 
 use crate::beam::cover::Shape;
 use crate::beam::lens::{HALF, Pixels};
-use crate::trace::UNIT;
+use crate::film::UNIT;
 
 /// Edges of a pixel that are looked at; where there are more, points meet them often enough.
 const EDGES: usize = 10;

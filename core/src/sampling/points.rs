@@ -6,9 +6,8 @@
 //! scrambling*, JCGT 9(4), 2020). A point is a function of pixel, set and number alone, and sets have
 //! nothing in common, nor have pixels: no scene is regular enough to meet them all at the same phase.
 
-use crate::film::Region;
+use crate::film::{GRID, PlanePoint, Region, UNIT};
 use crate::settings::View;
-use crate::trace::{GRID, PlanePoint, UNIT};
 
 /// Bits of a point's place along an axis of its pixel.
 const BITS: u32 = UNIT.trailing_zeros() - 1;

@@ -6,14 +6,17 @@
 
 use glam::DVec3;
 
-use crate::beam::cover::{self, Cover, Depth, Outline};
+use crate::beam::cover::{Cover, Depth};
 use crate::beam::gather::{Pyramid, gather};
 use crate::beam::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixels_above, row};
-use crate::scene::ObjectId;
+use crate::film::PlanePoint;
+use crate::integrate::Tracer;
 use crate::scene::Pigment;
-use crate::scene::local::{Kind, kind};
+use crate::shapes::beam::{cover, supporting_plane};
+use crate::shapes::triangle::beam::Outline;
+use crate::shapes::{Kind, ObjectId, kind};
 use crate::simd::{Kernel, Simd};
-use crate::trace::{PlanePoint, Tracer};
+use crate::traverse::PreparedScene;
 
 use super::coverage::Shapes;
 use super::shadows::{APART, Group, Receiver};
@@ -200,7 +203,8 @@ impl<'a> View<'a> {
 
     #[inline(always)]
     fn candidate(&self, id: u32) -> Candidate {
-        let (cover, triangle) = object(self.tracer, id, &self.lens, self.tile);
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let (cover, triangle) = cover(scene, local, ObjectId(id), &self.lens, self.tile);
         Candidate { id, cover, triangle, alive: 0 }
     }
 
@@ -348,7 +352,8 @@ impl<'a> View<'a> {
 
     /// Looks into a mirror.
     fn reflect(&self, receiver: &Receiver, weight: f64, doubt: &mut Doubt, views: &mut Vec<(View<'a>, Pixels)>) {
-        let plane = supporting_plane(self.tracer, receiver.id);
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let plane = supporting_plane(scene, local, ObjectId(receiver.id));
         match (plane, receiver.depth) {
             (Some((n, h)), Depth::Flat(w)) if self.behind < MIRRORS => {
                 let lens = self.lens.mirrored(n, h);
@@ -356,37 +361,6 @@ impl<'a> View<'a> {
                 views.push((View { lens, mirror, weight, behind: self.behind + 1, ..*self }, receiver.pixels));
             }
             _ => open(doubt, receiver.pixels, weight),
-        }
-    }
-}
-
-/// The plane n · P = h that a flat object lies in, n of length 1; none of a sphere.
-#[inline(always)]
-pub(super) fn supporting_plane(tracer: &Tracer, id: u32) -> Option<(DVec3, f64)> {
-    let prepared = tracer.prepared();
-    match kind(&prepared.scene, ObjectId(id)) {
-        Kind::Sphere(_) => None,
-        Kind::Plane(i) => Some((prepared.local.planes[i].n.to_dvec3(), prepared.local.planes[i].h)),
-        Kind::Triangle(i) => {
-            let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-            let n = (v[1] - v[0]).cross(v[2] - v[0]);
-            let n = n * (1.0 / n.length());
-            Some((n, n.dot(v[0])))
-        }
-    }
-}
-
-/// What object `id` is to a tile under a lens.
-#[inline(always)]
-pub(crate) fn object(tracer: &Tracer, id: u32, lens: &Lens, tile: &Tile) -> (Cover, Option<([DVec3; 3], Outline)>) {
-    let prepared = tracer.prepared();
-    match kind(&prepared.scene, ObjectId(id)) {
-        Kind::Plane(i) => (cover::plane(&prepared.local.planes[i], lens, tile), None),
-        Kind::Sphere(i) => (cover::sphere(&prepared.local.spheres[i], lens, tile), None),
-        Kind::Triangle(i) => {
-            let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-            let (cover, outline) = cover::triangle(&v, lens, tile);
-            (cover, outline.map(|o| (v, o)))
         }
     }
 }

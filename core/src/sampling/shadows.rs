@@ -5,11 +5,12 @@ use glam::DVec3;
 use crate::beam::cover::{Depth, Shape};
 use crate::beam::gather::{Shaft, gather};
 use crate::beam::lens::{MARGIN, Pixels, Tile, pixels_above, row};
-use crate::scene::ObjectId;
-use crate::scene::local::{Kind, kind};
+use crate::shapes::ObjectId;
+use crate::shapes::beam::{Blocker, corners, cover, supporting_plane};
+use crate::traverse::PreparedScene;
 
 use super::coverage::Shapes;
-use super::proof::{Doubt, MIDDLE, View, object, open, supporting_plane};
+use super::proof::{Doubt, MIDDLE, View, open};
 
 /// Of a sheet of more triangles than this, the edges of shadows are not told apart.
 pub(super) const APART: usize = 2;
@@ -139,48 +140,16 @@ impl View<'_> {
 
     #[inline(always)]
     fn surface(&self, receiver: &Receiver) -> Surface {
-        let prepared = self.tracer.prepared();
-        let corners = match kind(&prepared.scene, ObjectId(receiver.id)) {
-            Kind::Triangle(i) => Some(prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3())),
-            _ => None,
-        };
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let corners = corners(scene, local, ObjectId(receiver.id));
         Surface { receiver: *receiver, flat: self.flat(receiver.id), corners, albedo: self.albedo(receiver) }
     }
 
     /// Object `id` as what may stand between `light` and points of the hull; none where it surely does not.
     #[inline(always)]
-    fn blocker(&self, id: u32, hull: &[DVec3; 8], light: DVec3, shaft: &Shaft) -> Option<Blocker> {
-        let prepared = self.tracer.prepared();
-        let body = match kind(&prepared.scene, ObjectId(id)) {
-            Kind::Plane(_) => return None,
-            Kind::Sphere(i) => {
-                let (c, r) = (prepared.local.spheres[i].center(), prepared.local.spheres[i].r);
-                if !shaft.meets_ball(c, r) {
-                    return None;
-                }
-                Body::Ball(c, r)
-            }
-            Kind::Triangle(i) => {
-                let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3());
-                let center = (v[0] + v[1] + v[2]) * (1.0 / 3.0);
-                let radius = (v[0] - center).length().max((v[1] - center).length()).max((v[2] - center).length());
-                if !shaft.meets_ball(center, radius) {
-                    return None;
-                }
-                let n = (v[1] - v[0]).cross(v[2] - v[0]);
-                let size = v[0].length().max(v[1].length()).max(v[2].length());
-                let slack = 1e3 * MARGIN * n.length() * (size + light.length());
-                let of_light = n.dot(light - v[0]);
-                // Turned so that the light is on its upper side.
-                let n = if of_light < 0.0 { -n } else { n };
-                let sided = of_light.abs() > slack;
-                if sided && hull.iter().all(|p| n.dot(*p - v[0]) >= -slack) {
-                    return None;
-                }
-                Body::Triangle { v, n, size, slack: if sided { slack } else { f64::NEG_INFINITY } }
-            }
-        };
-        Some(Blocker { id, body })
+    fn blocker(&self, id: u32, hull: &[DVec3; 8], light: DVec3, shaft: &Shaft) -> Option<(u32, Blocker)> {
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        Some((id, Blocker::new(scene, local, ObjectId(id), hull, light, shaft)?))
     }
 
     /// What a light that falls in vertically makes of it.
@@ -191,7 +160,8 @@ impl View<'_> {
 
     #[inline(always)]
     fn flat(&self, id: u32) -> Option<Flat> {
-        let (n, h) = supporting_plane(self.tracer, id)?;
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
+        let (n, h) = supporting_plane(scene, local, ObjectId(id))?;
         Some(if n.dot(self.lens.apex) < h { Flat { n: -n, h: -h } } else { Flat { n, h } })
     }
 
@@ -226,7 +196,7 @@ impl View<'_> {
 
     /// What may stand between `light` and any point of the surface that is seen.
     #[inline(always)]
-    fn between(&self, surface: &Surface, hull: &[DVec3; 8], light: DVec3, blockers: &[Blocker]) -> Between {
+    fn between(&self, surface: &Surface, hull: &[DVec3; 8], light: DVec3, blockers: &[(u32, Blocker)]) -> Between {
         let prepared = self.tracer.prepared();
         let receiver = &surface.receiver;
         for (i, plane) in prepared.local.planes.iter().enumerate() {
@@ -247,12 +217,13 @@ impl View<'_> {
             if (of_light > slack && most < -slack) || (of_light < -slack && least > slack) {
                 return Between::All;
             }
-            return Between::Some(std::iter::once(i as u32).chain(blockers.iter().map(|b| b.id)).collect());
+            return Between::Some(std::iter::once(i as u32).chain(blockers.iter().map(|(id, _)| *id)).collect());
         }
         let mut ids = Vec::new();
-        for b in blockers {
-            if b.id != receiver.id && !b.is_harmless(surface) {
-                ids.push(b.id);
+        for (id, blocker) in blockers {
+            let flat = surface.flat.map(|f| (f.n, f.h));
+            if *id != receiver.id && !blocker.is_harmless(flat, surface.corners.as_ref()) {
+                ids.push(*id);
             }
         }
         if ids.is_empty() { Between::Nothing } else { Between::Some(ids) }
@@ -263,9 +234,10 @@ impl View<'_> {
     fn edges(&self, receiver: &Receiver, flat: Flat, light: DVec3, blockers: &[u32], shapes: &mut Shapes) -> Pixels {
         let lens = self.lens.lit_from(light, flat.n, flat.h);
         let own = self.lens.along(flat.n, self.tile);
+        let PreparedScene { scene, local, .. } = self.tracer.prepared();
         let (mut touched, mut covered) = (0, 0);
         for &id in blockers {
-            let (cover, triangle) = object(self.tracer, id, &lens, self.tile);
+            let (cover, triangle) = cover(scene, local, ObjectId(id), &lens, self.tile);
             let (mut before, mut beyond) = (0, 0);
             for j in 0..8 {
                 if (cover.touched & receiver.pixels) >> (8 * j) & 0xff == 0 {
@@ -302,45 +274,4 @@ struct Surface {
     corners: Option<[DVec3; 3]>,
     /// What a light that falls in vertically makes of it.
     albedo: f64,
-}
-
-/// An object that may stand between a light and a group.
-struct Blocker {
-    id: u32,
-    body: Body,
-}
-
-enum Body {
-    Ball(DVec3, f64),
-    /// A normal towards the light, the corners' greatest distance from the origin, and what a product with the
-    /// normal may be below 0 by rounding; negative infinity where the light's side is not sure.
-    Triangle {
-        v: [DVec3; 3],
-        n: DVec3,
-        size: f64,
-        slack: f64,
-    },
-}
-
-impl Blocker {
-    /// Whether it is behind a flat surface, or has all of a triangle on the light's side.
-    #[inline(always)]
-    fn is_harmless(&self, surface: &Surface) -> bool {
-        let margin = 1e3 * MARGIN;
-        match (&self.body, surface.flat) {
-            (Body::Ball(c, r), Some(f)) => f.n.dot(*c) + r <= f.h + margin * (f.h.abs() + c.length() + r),
-            (Body::Ball(..), None) => false,
-            (Body::Triangle { v, n, size, slack }, flat) => {
-                if let Some(f) = flat {
-                    let most = f.n.dot(v[0]).max(f.n.dot(v[1])).max(f.n.dot(v[2]));
-                    if most <= f.h + margin * (f.h.abs() + size) {
-                        return true;
-                    }
-                }
-                let Some(c) = surface.corners else { return false };
-                let least = n.dot(c[0] - v[0]).min(n.dot(c[1] - v[0])).min(n.dot(c[2] - v[0]));
-                *slack >= 0.0 && least >= -slack
-            }
-        }
-    }
 }

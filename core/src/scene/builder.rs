@@ -8,7 +8,7 @@ use super::{
     Camera, Order, Orientation, Pigment, Plane, PlanePosition, Rgb, Scene, Sphere, Surface, SurfaceId, Texture,
     TextureId, Triangle,
 };
-use crate::precise::predicates::{parallel, parallel_to_view};
+use crate::numeric::predicates::{parallel, parallel_to_view};
 use crate::simd::roomy;
 
 /// As many as a leaf of the hierarchy can name.

@@ -6,12 +6,10 @@
 //! vectors as written: nothing is normalised, rounded or moved here.
 
 mod builder;
-pub(crate) mod local;
 pub mod pixmap;
 mod texture;
 
 pub use builder::{Invalid, SceneBuilder};
-pub(crate) use local::{Local, ObjectId};
 pub use texture::{Texture, TextureError};
 
 use glam::DVec3;

@@ -205,6 +205,19 @@ fn show(bytes: &[u8]) -> String {
     if bytes.is_empty() { "nothing".into() } else { format!("'{}'", bytes.escape_ascii()) }
 }
 
+/// Width and height, and how many samples that is.
+fn size<R: BufRead>(input: &mut Counted<R>) -> Result<(u32, u32, u64), PixmapError> {
+    let (w, h) = (input.number("width")?, input.number("height")?);
+    let samples = w.checked_mul(h).and_then(|n| n.checked_mul(3)).filter(|&n| n <= Texture::MAX_SAMPLES as u64);
+    let (Some(samples), Ok(width), Ok(height)) = (samples, u32::try_from(w), u32::try_from(h)) else {
+        return Err(PixmapError::Size(w, h));
+    };
+    if samples == 0 {
+        return Err(PixmapError::Size(w, h));
+    }
+    Ok((width, height, samples))
+}
+
 fn read<R: BufRead>(reader: R, length: u64) -> Result<Texture, PixmapError> {
     let mut input = Counted { inner: reader, taken: 0, last: None };
     let mut magic = Vec::with_capacity(2);
@@ -219,14 +232,7 @@ fn read<R: BufRead>(reader: R, length: u64) -> Result<Texture, PixmapError> {
         b"P6" => false,
         other => return Err(PixmapError::Magic(show(other))),
     };
-    let (w, h) = (input.number("width")?, input.number("height")?);
-    let samples = w.checked_mul(h).and_then(|n| n.checked_mul(3)).filter(|&n| n <= Texture::MAX_SAMPLES as u64);
-    let (Some(samples), Ok(width), Ok(height)) = (samples, u32::try_from(w), u32::try_from(h)) else {
-        return Err(PixmapError::Size(w, h));
-    };
-    if samples == 0 {
-        return Err(PixmapError::Size(w, h));
-    }
+    let (width, height, samples) = size(&mut input)?;
     let maxval = input.number("largest value")?;
     let maxval = u16::try_from(maxval).ok().filter(|&m| m > 0).ok_or(PixmapError::Maxval(maxval))?;
 

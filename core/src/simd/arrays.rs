@@ -6,7 +6,7 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use super::{F32x8, F32x16, F64x8, Floats, LANES, Mask, Simd};
-use crate::geometry::{Real, U};
+use crate::numeric::{Real, U};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrays;

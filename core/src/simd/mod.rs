@@ -20,7 +20,7 @@ use std::sync::OnceLock;
 pub(crate) use pages::roomy;
 pub(crate) use rows::{MOST, Rows};
 
-use crate::geometry::Real;
+use crate::numeric::{Real, V3};
 
 /// Lanes of an f32 vector: the rays of a packet.
 pub(crate) const LANES: usize = 16;
@@ -99,6 +99,12 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
     fn compress(x: &[u32; 8], mask: u8) -> [u32; 8];
     /// `y` into the lanes of `mask`.
     fn put(x: &mut [u32; LANES], mask: Mask, y: u32);
+}
+
+/// Three rows of eight, from row `at` on.
+#[inline(always)]
+pub(crate) fn three<S: Simd>(lanes: &[[f64; 8]], at: usize) -> V3<S::F64x8> {
+    V3 { x: S::F64x8::load(&lanes[at]), y: S::F64x8::load(&lanes[at + 1]), z: S::F64x8::load(&lanes[at + 2]) }
 }
 
 /// Which instructions are used.

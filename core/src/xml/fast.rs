@@ -12,8 +12,8 @@ use super::check::orientation_default;
 use super::lex::is_space;
 use super::number;
 use super::part::{Finish, Object, Paint, Part, Plane, Sphere, Triangle};
-use crate::precise::predicates::parallel;
-use crate::precise::zero_area::surely_not_zero;
+use crate::numeric::predicates::parallel;
+use crate::numeric::zero_area::surely_not_zero;
 use crate::scene::{Orientation, PlanePosition};
 
 /// A cursor over a document's bytes.

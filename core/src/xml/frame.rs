@@ -146,32 +146,37 @@ pub(super) fn check(
     if good {
         match roxmltree::Document::parse(&source) {
             Ok(tree) => {
-                let frame = Checker { source: &source, shift, part: &mut part }.scene(tree.root_element());
-                if let Some(camera) = frame.camera
-                    && let Err(invalid) = assembly.scene.camera(camera.location, camera.sky, camera.look_at)
-                {
-                    part.findings.push(Finding::new(Code::CameraView, 0..0, invalid.to_string()));
-                }
-                if let Some(background) = frame.background
-                    && let Err(invalid) = assembly.scene.background(background)
-                {
-                    part.findings.push(Finding::new(Code::Range, 0..0, invalid.to_string()));
-                }
-                if let Some(world) = frame.world
-                    && !assembly.lit
-                    && !part.lit()
-                    && assembly.findings.errors + part.findings.errors == 0
-                {
-                    part.findings.push(
-                        Finding::new(Code::NoLight, world, "this `world` has no light: all surfaces will be black")
-                            .expected("<light><position><vector …/></position></light>"),
-                    );
-                }
+                add_frame(tree.root_element(), &source, shift, &mut part, assembly);
             }
             Err(error) => part.findings.push(syntax::finding(&error, &source, shift)),
         }
     }
     assembly.add(part);
+}
+
+/// Adds what stands around the world, checked.
+fn add_frame(root: roxmltree::Node<'_, '_>, source: &str, shift: Shift, part: &mut Part, assembly: &mut Assembly<'_>) {
+    let frame = Checker { source, shift, part }.scene(root);
+    if let Some(camera) = frame.camera
+        && let Err(invalid) = assembly.scene.camera(camera.location, camera.sky, camera.look_at)
+    {
+        part.findings.push(Finding::new(Code::CameraView, 0..0, invalid.to_string()));
+    }
+    if let Some(background) = frame.background
+        && let Err(invalid) = assembly.scene.background(background)
+    {
+        part.findings.push(Finding::new(Code::Range, 0..0, invalid.to_string()));
+    }
+    if let Some(world) = frame.world
+        && !assembly.lit
+        && !part.lit()
+        && assembly.findings.errors + part.findings.errors == 0
+    {
+        part.findings.push(
+            Finding::new(Code::NoLight, world, "this `world` has no light: all surfaces will be black")
+                .expected("<light><position><vector …/></position></light>"),
+        );
+    }
 }
 
 /// Looks through the frame for what the parser must not see, or would not mind.

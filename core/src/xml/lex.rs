@@ -210,62 +210,7 @@ fn start_tag(text: &str, start: usize) -> Result<Token, Box<Broken>> {
             Some(b'<') => return broken(at..at + 1, unfinished(), "`>` or `/>` before the next tag", at),
             Some(_) => {}
         }
-        let attribute = at..name_end(bytes, at);
-        let shown = || super::source::shown(&text[attribute.clone()]);
-        if attribute.is_empty() {
-            return broken(at..at + 1, "an attribute should begin here".into(), "name=\"value\", `>` or `/>`", at + 1);
-        }
-        if before == at {
-            return broken(
-                at..attribute.end,
-                format!("white space is missing before `{}`", shown()),
-                "a space between attributes",
-                at,
-            );
-        }
-        at = skip_space(bytes, attribute.end);
-        if bytes.get(at) != Some(&b'=') {
-            return broken(
-                attribute.clone(),
-                format!("the attribute `{}` has no value", shown()),
-                "name=\"value\"",
-                at,
-            );
-        }
-        at = skip_space(bytes, at + 1);
-        let quote = match bytes.get(at) {
-            Some(&q @ (b'"' | b'\'')) => q,
-            _ => {
-                let message = format!("the value of `{}` is not quoted", shown());
-                return broken(
-                    at.min(text.len())..at + 1,
-                    message,
-                    "a quote, as in name=\"value\"",
-                    at.min(text.len()),
-                );
-            }
-        };
-        let value = at + 1;
-        let Some(len) = memchr::memchr2(quote, b'<', &bytes[value..]) else {
-            return broken(
-                at..at + 1,
-                format!("the value of `{}` is never closed", shown()),
-                "the closing quote",
-                text.len(),
-            );
-        };
-        let end = value + len;
-        if bytes[end] == b'<' {
-            let message = format!("the value of `{}` is not closed before the next `<`", shown());
-            return broken(at..at + 1, message, "the closing quote, or `&lt;` for the character", end);
-        }
-        references(text, value..end, &mut findings);
-        if memchr::memchr(b':', &bytes[attribute.clone()]).is_some() || &text[attribute.clone()] == "xmlns" {
-            findings.push(
-                Finding::new(Code::UnknownAttribute, attribute.clone(), format!("unknown attribute `{}`", shown()))
-                    .expected("no namespaces: this format has none"),
-            );
-        }
+        let (attribute, end) = attribute(text, before, at, &mut findings)?;
         attributes += 1;
         if attributes > MAX_ATTRIBUTES {
             let finding = Finding::new(
@@ -278,6 +223,63 @@ fn start_tag(text: &str, start: usize) -> Result<Token, Box<Broken>> {
         }
         at = end + 1;
     }
+}
+
+/// The attribute at `at`, behind white space from `before` on: where its name is, and its closing quote.
+fn attribute(
+    text: &str,
+    before: usize,
+    at: usize,
+    findings: &mut Vec<Finding>,
+) -> Result<(Range<usize>, usize), Box<Broken>> {
+    let bytes = text.as_bytes();
+    let attribute = at..name_end(bytes, at);
+    let shown = || super::source::shown(&text[attribute.clone()]);
+    if attribute.is_empty() {
+        return broken(at..at + 1, "an attribute should begin here".into(), "name=\"value\", `>` or `/>`", at + 1);
+    }
+    if before == at {
+        return broken(
+            at..attribute.end,
+            format!("white space is missing before `{}`", shown()),
+            "a space between attributes",
+            at,
+        );
+    }
+    let mut at = skip_space(bytes, attribute.end);
+    if bytes.get(at) != Some(&b'=') {
+        return broken(attribute.clone(), format!("the attribute `{}` has no value", shown()), "name=\"value\"", at);
+    }
+    at = skip_space(bytes, at + 1);
+    let quote = match bytes.get(at) {
+        Some(&q @ (b'"' | b'\'')) => q,
+        _ => {
+            let message = format!("the value of `{}` is not quoted", shown());
+            return broken(at.min(text.len())..at + 1, message, "a quote, as in name=\"value\"", at.min(text.len()));
+        }
+    };
+    let value = at + 1;
+    let Some(len) = memchr::memchr2(quote, b'<', &bytes[value..]) else {
+        return broken(
+            at..at + 1,
+            format!("the value of `{}` is never closed", shown()),
+            "the closing quote",
+            text.len(),
+        );
+    };
+    let end = value + len;
+    if bytes[end] == b'<' {
+        let message = format!("the value of `{}` is not closed before the next `<`", shown());
+        return broken(at..at + 1, message, "the closing quote, or `&lt;` for the character", end);
+    }
+    references(text, value..end, findings);
+    if memchr::memchr(b':', &bytes[attribute.clone()]).is_some() || &text[attribute.clone()] == "xmlns" {
+        findings.push(
+            Finding::new(Code::UnknownAttribute, attribute.clone(), format!("unknown attribute `{}`", shown()))
+                .expected("no namespaces: this format has none"),
+        );
+    }
+    Ok((attribute, end))
 }
 
 /// Checks the references in an attribute's value. The parser reads `&#xD800;`, which is

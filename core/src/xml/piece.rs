@@ -134,15 +134,10 @@ impl<'t> Reader<'t> {
                     continue;
                 }
                 Kind::Comment | Kind::Instruction => token.at.end,
-                Kind::Cdata => {
+                Kind::Cdata | Kind::Doctype => {
                     self.gather(child..token.at.start);
-                    self.part.findings.push(cdata(&token, "world"));
-                    at = token.at.end;
-                    continue;
-                }
-                Kind::Doctype => {
-                    self.gather(child..token.at.start);
-                    self.part.findings.push(late_doctype(&token));
+                    let is_cdata = token.kind == Kind::Cdata;
+                    self.part.findings.push(if is_cdata { cdata(&token, "world") } else { late_doctype(&token) });
                     at = token.at.end;
                     continue;
                 }

@@ -4,8 +4,8 @@ use glam::DVec3;
 use roxmltree::Node;
 
 use super::{Checker, Eye, Fitted};
-use crate::precise::predicates::{parallel, parallel_to_view};
-use crate::precise::zero_area;
+use crate::numeric::predicates::{parallel, parallel_to_view};
+use crate::numeric::zero_area;
 use crate::scene::{Orientation, PlanePosition};
 use crate::xml::diagnostic::Code;
 use crate::xml::grammar;

@@ -1,0 +1,135 @@
+//! A path followed to twice the digits of f64.
+//!
+//! Most of what f64 leaves open is clear in double-double, by the same tests. Small curved mirrors far from one another magnify errors by thousands each, so that after a
+//! few of them f64 has no digits left while decisions are still clear. The formulas of
+//! `integrate::shade` then give the same place in double-double, at a fraction of what the refiner
+//! takes; what they cannot bound tightly enough goes there.
+
+use super::refine::{Case, Refined};
+use super::shade;
+use crate::numeric::{DoubleDouble, Real, U};
+use crate::shapes::{Decision, ObjectId, Ray, Span, SurfaceInteraction, interaction_double, test_double};
+
+/// Longer paths are left to the refiner, which remembers how far it has followed them.
+const SHORT: usize = 8;
+
+/// A path as far as it was followed.
+pub(super) struct DoubleDoublePath {
+    /// Decisions followed, the last of them, and the ray after it.
+    done: usize,
+    from: Option<Decision>,
+    ray: Ray<DoubleDouble>,
+    /// What that ray is known to meet, and where.
+    met: Option<(Decision, SurfaceInteraction<DoubleDouble>)>,
+}
+
+impl DoubleDoublePath {
+    pub(super) fn new(case: &Case<'_>) -> Self {
+        Self { done: 0, from: None, ray: case.tracer.frame.double_ray(case.point), met: None }
+    }
+
+    /// Where the path of `case`, which is this one, meets `met`, and the direction mirrored there: rounded, their
+    /// bounds those of this path and of rounding.
+    pub(super) fn interaction(&mut self, case: &Case<'_>, met: Decision) -> Option<Refined> {
+        self.follow(case)?;
+        let interaction = self.intersect(case, met)?;
+        let mirrored = shade::reflect(&self.ray, &interaction);
+        let p = interaction.p.to_f64();
+        let bound = |e: DoubleDouble| e.hi * (1.0 + 1e-9);
+        let rounded = SurfaceInteraction {
+            p,
+            ep: bound(interaction.ep) + 2.0 * U * p.norm1(),
+            n: interaction.n.to_f64(),
+            en: bound(interaction.en) + 2.0 * U,
+        };
+        let turn = bound(mirrored.ed) + 2.0 * U;
+        Some(Refined { interaction: rounded, mirrored: mirrored.d.to_f64().to_dvec3(), turn, hit: None })
+    }
+
+    /// Follows the trail to its end.
+    fn follow(&mut self, case: &Case<'_>) -> Option<()> {
+        if case.trail.len() > SHORT {
+            return None;
+        }
+        while let Some(&decision) = case.trail.get(self.done) {
+            let interaction = self.intersect(case, decision)?;
+            self.ray = shade::reflect(&self.ray, &interaction);
+            self.from = Some(decision);
+            self.met = None;
+            self.done += 1;
+        }
+        Some(())
+    }
+
+    /// Which of `candidates` the path surely meets next, or that it meets none; `None` where that is not sure.
+    pub(super) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Option<Decision>> {
+        self.follow(case)?;
+        let mut found = Vec::with_capacity(candidates.len());
+        for &id in candidates {
+            if let Some(span) = test(case, &self.ray, id, self.from)? {
+                found.push((id, span));
+            }
+        }
+        let bound = found.iter().filter(|(_, s)| s.sure).map(|(_, s)| s.hi).reduce(Real::min);
+        if let Some(bound) = bound {
+            found.retain(|(_, s)| !(s.lo > bound));
+        }
+        case.tracer.prepared.drop_covered(&mut found);
+        match found[..] {
+            [] => Some(None),
+            [(id, Span { sure: true, inside, .. })] => Some(Some(Decision { id, inside })),
+            _ => None,
+        }
+    }
+
+    /// Whether one of `candidates` surely stands between the point of `met` and the `light`-th light, or none
+    /// does; `None` where that is not sure.
+    pub(super) fn occluded(
+        &mut self,
+        case: &Case<'_>,
+        met: Decision,
+        light: usize,
+        candidates: &[ObjectId],
+    ) -> Option<bool> {
+        self.follow(case)?;
+        let interaction = self.intersect(case, met)?;
+        let prepared = &case.tracer.prepared;
+        let light = prepared.local.double_light(&prepared.scene, light)?;
+        let ray = shade::towards(&interaction, light, light - interaction.p);
+        let one = DoubleDouble::splat(1.0);
+        let mut open = false;
+        for &id in candidates {
+            match test(case, &ray, id, Some(met))? {
+                Some(span) if span.sure && span.hi < one => return Some(true),
+                Some(span) => open |= !(span.lo > one),
+                None => {}
+            }
+        }
+        (!open).then_some(false)
+    }
+
+    fn intersect(&mut self, case: &Case<'_>, decision: Decision) -> Option<SurfaceInteraction<DoubleDouble>> {
+        if let Some((of, interaction)) = self.met
+            && of == decision
+        {
+            return Some(interaction);
+        }
+        let prepared = &case.tracer.prepared;
+        let object = prepared.local.double(&prepared.scene, decision.id)?;
+        let interaction = interaction_double(&self.ray, &object, decision, self.from);
+        self.met = Some((decision, interaction));
+        Some(interaction)
+    }
+}
+
+/// Where `ray`, which starts on `from`, may meet object `id`; `None` where its numbers are too large.
+fn test(
+    case: &Case<'_>,
+    ray: &Ray<DoubleDouble>,
+    id: ObjectId,
+    from: Option<Decision>,
+) -> Option<Option<Span<DoubleDouble>>> {
+    let prepared = &case.tracer.prepared;
+    let object = prepared.local.double(&prepared.scene, id)?;
+    Some(test_double(ray, &object, from.filter(|f| f.id == id)))
+}

@@ -1,0 +1,215 @@
+//! What a wave keeps of each path, and its way to wide arithmetic.
+
+use glam::DVec3;
+
+use crate::film::PlanePoint;
+use crate::integrate::refine::{Case, Refined, Refiner};
+use crate::integrate::{RayCounts, Refinement, Tracer};
+use crate::numeric::U;
+use crate::scene::Pigment;
+use crate::shapes::{Decision, INSIDE, NONE, ObjectId, TAKEN};
+use crate::traverse::{Closest, Occluded, Scratch};
+
+use super::lanes::{Column, Rays, SurfaceInteractions};
+
+/// The paths of one wave.
+pub(super) struct Paths<'a> {
+    pub(super) tracer: &'a Tracer,
+    pub(super) points: &'a [PlanePoint],
+    /// The light each path has gathered.
+    pub(super) radiance: &'a mut [Column<f64>; 3],
+    /// Rays of each path so far; empty where no path outgrows a wave.
+    pub(super) mirrors: &'a mut [u32],
+    pub(super) shadows: &'a mut [u32],
+    /// Rays of all of them.
+    pub(super) counts: RayCounts,
+    /// Per step, what each path met.
+    pub(super) trails: &'a mut Vec<Column<u32>>,
+    pub(super) query: &'a mut Scratch,
+    /// Wide arithmetic of the paths that needed it; empty until one does.
+    pub(super) refiners: Vec<Option<Box<Refiner>>>,
+    /// Surface interactions of this step that f64 alone would misplace.
+    pub(super) refined_interactions: Vec<Refined>,
+    /// Mirrors behind the rays of this step.
+    pub(super) step: usize,
+    /// Mirrored rays of no more weight are not followed.
+    pub(super) least: f64,
+}
+
+impl Paths<'_> {
+    /// Adds light to what `path` has gathered.
+    #[inline(always)]
+    pub(super) fn shine(&mut self, path: usize, light: DVec3) {
+        for (sum, x) in self.radiance.iter_mut().zip(light.to_array()) {
+            sum[path] += x;
+        }
+    }
+
+    /// Counts shadow rays from the places `at`.
+    #[inline(always)]
+    pub(super) fn count_shadows(&mut self, rays: &Rays, at: &[u32]) {
+        self.counts.shadow += at.len() as u64;
+        if !self.shadows.is_empty() {
+            for &i in at {
+                self.shadows[rays.path[i as usize] as usize] += 1;
+            }
+        }
+    }
+
+    /// Counts mirrored rays.
+    #[inline(always)]
+    pub(super) fn count_mirrors(&mut self, next: &Rays) {
+        self.counts.mirror += next.count as u64;
+        if !self.mirrors.is_empty() {
+            for &path in &next.path[..next.count] {
+                self.mirrors[path as usize] += 1;
+            }
+        }
+    }
+
+    /// Puts what wide arithmetic knows of the cosines towards `light` at places `at` to `at` + 8.
+    #[inline(never)]
+    pub(super) fn wide_cosines(
+        &self,
+        interactions: &SurfaceInteractions,
+        at: usize,
+        light: usize,
+        cosines: &mut [f64; 8],
+    ) {
+        for (lane, cosine) in cosines.iter_mut().enumerate() {
+            let refined = interactions.refined[at + lane] as usize;
+            if refined != 0
+                && let Some(hit) = &self.refined_interactions[refined - 1].hit
+            {
+                *cosine = hit.cosines[light];
+            }
+        }
+    }
+
+    /// Puts what wide arithmetic knows of the ray mirrored at place `i` into its lane of d and ed.
+    #[inline(never)]
+    pub(super) fn mirrored(
+        &self,
+        interactions: &SurfaceInteractions,
+        i: usize,
+        lane: usize,
+        lanes: &mut [[f64; 8]; 4],
+    ) {
+        if self.tracer.refinement == Refinement::Off && interactions.en[i] == TAKEN {
+            lanes[3][lane] = 4.0 * U;
+        }
+        if interactions.refined[i] != 0 {
+            let Refined { mirrored: d, turn, .. } = self.refined_interactions[interactions.refined[i] as usize - 1];
+            (lanes[0][lane], lanes[1][lane], lanes[2][lane], lanes[3][lane]) = (d.x, d.y, d.z, turn);
+        }
+    }
+
+    /// Puts a question about `path` to its refiner, with what that path met before this step.
+    fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Refiner, &Case<'_>) -> A) -> A {
+        self.counts.refined += 1;
+        if self.refiners.is_empty() {
+            self.refiners.resize_with(self.points.len(), || None);
+        }
+        let trail: Vec<_> = self.trails[..self.step].iter().filter_map(|met| Decision::of(met[path])).collect();
+        let case = Case { tracer: self.tracer, point: self.points[path], trail: &trail };
+        question(self.refiners[path].get_or_insert_default(), &case)
+    }
+
+    /// Of which paths something stayed open in the widest numbers; empty where none was asked about.
+    pub(super) fn unresolved(&self) -> Vec<bool> {
+        self.refiners.iter().map(|c| c.as_ref().is_some_and(|c| c.unresolved())).collect()
+    }
+
+    /// Decides what ray `i` meets: in f64 among `candidates`, or all objects, and if need be beyond.
+    #[inline(never)]
+    pub(super) fn settle(
+        &mut self,
+        rays: &Rays,
+        i: usize,
+        candidates: Option<impl Iterator<Item = u32>>,
+        interactions: &mut SurfaceInteractions,
+    ) {
+        let prepared = &self.tracer.prepared;
+        let (ray, from) = (rays.one(i), Decision::of(rays.own[i]));
+        let found = match candidates {
+            Some(ids) => prepared.closest_among(&ray, from, ids.map(|id| ObjectId(id & !INSIDE)), self.query),
+            None => prepared.closest(&ray, from, self.query),
+        };
+        interactions.met[i] = match found {
+            Closest::Nothing => NONE,
+            Closest::Sure(d) => d.code(),
+            Closest::Doubt if self.tracer.refinement == Refinement::Off => {
+                self.query.likely_closest().map_or(NONE, Decision::code)
+            }
+            Closest::Doubt => {
+                let candidates: Vec<_> = self.query.candidates().collect();
+                let found = self.ask(rays.path[i] as usize, |refiner, case| refiner.closest(case, &candidates));
+                found.map_or(NONE, Decision::code)
+            }
+        };
+    }
+
+    /// Decides whether place `i` is in the shadow of `light`, as [`Self::settle`] does.
+    #[inline(never)]
+    pub(super) fn settle_shadow(
+        &mut self,
+        rays: &Rays,
+        interactions: &SurfaceInteractions,
+        i: usize,
+        light: usize,
+        candidates: Option<impl Iterator<Item = u32>>,
+    ) -> bool {
+        let prepared = &self.tracer.prepared;
+        let ray = interactions.segment(i, self.tracer, light);
+        let met = Decision::of(interactions.met[i]);
+        let occluded = match candidates {
+            Some(ids) => {
+                let ids = ids.map(|id| ObjectId(id & !INSIDE));
+                prepared.occluded_among(&ray, met, Some(light), ids, self.query)
+            }
+            None => prepared.occluded(&ray, met, Some(light), self.query),
+        };
+        match (occluded, met) {
+            (Occluded::No, _) | (_, None) => false,
+            (Occluded::Yes, _) => true,
+            (Occluded::Doubt, _) if self.tracer.refinement == Refinement::Off => self.query.likely_occluded(),
+            (Occluded::Doubt, Some(met)) => {
+                let candidates: Vec<_> = self.query.candidates().collect();
+                self.ask(rays.path[i] as usize, |refiner, case| refiner.occluded(case, met, light, &candidates))
+            }
+        }
+    }
+
+    /// Takes everything about place `i` from wide arithmetic.
+    #[inline(never)]
+    pub(super) fn refine(&mut self, rays: &Rays, interactions: &mut SurfaceInteractions, i: usize) {
+        let Some(met) = Decision::of(interactions.met[i]) else { return };
+        let tracer = self.tracer;
+        if tracer.refinement == Refinement::Off {
+            interactions.set(i, &interactions.one(i).taken_as_it_is());
+            return;
+        }
+        if let Some(interaction) =
+            tracer.giant_interaction(&rays.one(i), met, Decision::of(rays.own[i]), rays.throughput[i])
+        {
+            interactions.set(i, &interaction);
+            return;
+        }
+        let goes_on =
+            interactions.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
+        let throughput = rays.throughput[i];
+        let found =
+            self.ask(rays.path[i] as usize, |refiner, case| refiner.interaction(case, met, throughput, goes_on));
+        let Some(refined) = found else { return };
+        interactions.set(i, &refined.interaction);
+        let material = tracer.material(met.id);
+        if let (Pigment::Texture(picture), Some(hit)) = (material.pigment, &refined.hit) {
+            let color = material.albedo * tracer.picture_color(picture, hit.uv, met.id);
+            for (to, x) in interactions.albedo.iter_mut().zip(color.to_array()) {
+                to[i] = x;
+            }
+        }
+        self.refined_interactions.push(refined);
+        interactions.refined[i] = self.refined_interactions.len() as u32;
+    }
+}

@@ -1,0 +1,89 @@
+//! Where a ray meets what it is known to meet: in f64, the same operations for one lane or many, each value with a
+//! bound on its error.
+
+use super::local::DoubleObject;
+use super::{Decision, Kind, Local, Ray, kind, plane, sphere, triangle};
+use crate::numeric::{DoubleDouble, Real, U, V3};
+use crate::scene::Scene;
+
+/// A point of a surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SurfaceInteraction<R = f64> {
+    pub(crate) p: V3<R>,
+    /// Bound on |p − p*|.
+    pub(crate) ep: R,
+    /// Unit normal on the side the ray strikes.
+    pub(crate) n: V3<R>,
+    /// Bound on |n − n*|.
+    pub(crate) en: R,
+}
+
+/// The normal's bound of a [rounded](SurfaceInteraction::rounded) place; others are greater.
+pub(crate) const TAKEN: f64 = 2.0 * U;
+
+impl SurfaceInteraction {
+    /// The rounded place, and the rounded normal there.
+    pub(crate) fn rounded(p: V3<f64>, n: V3<f64>) -> Self {
+        Self { p, ep: 2.0 * U * p.norm1(), n, en: TAKEN }
+    }
+
+    /// The same, taken to be as right as a rounded place can be; whether it is or not.
+    pub(crate) fn taken_as_it_is(self) -> Self {
+        Self::rounded(self.p, self.n)
+    }
+}
+
+/// The point of the ray at `t`, which is off by `et`, and the bound on how far it is misplaced.
+#[inline(always)]
+pub(super) fn point<R: Real>(ray: &Ray<R>, t: R, et: R) -> (V3<R>, R) {
+    let p = ray.o + ray.d * t;
+    let travel = t.abs() * ray.len;
+    let ep = et * ray.len + ray.eo + travel * ray.ed + R::splat(8.0 * R::U) * (ray.o.norm1() + travel);
+    (p, ep)
+}
+
+/// `n`, turned against the ray.
+#[inline(always)]
+pub(super) fn against<R: Real>(ray: &Ray<R>, n: V3<R>) -> V3<R> {
+    V3::if_positive(n.dot(ray.d), -n, n)
+}
+
+/// Where `ray`, which starts on `from`, meets what it is known to meet.
+pub(crate) fn interaction(
+    scene: &Scene,
+    local: &Local,
+    ray: &Ray,
+    decision: Decision,
+    from: Option<Decision>,
+) -> SurfaceInteraction {
+    match kind(scene, decision.id) {
+        Kind::Plane(i) => plane::interaction(ray, &local.planes[i]),
+        Kind::Triangle(i) => triangle::interaction(ray, &local.triangle(&scene.triangles()[i])),
+        Kind::Sphere(i) => {
+            let own = from.is_some_and(|f| f.id == decision.id);
+            sphere::interaction(ray, &local.spheres[i], flag(decision.inside), flag(own))
+        }
+    }
+}
+
+/// The same to twice the digits, on the object that is met.
+pub(crate) fn interaction_double(
+    ray: &Ray<DoubleDouble>,
+    object: &DoubleObject,
+    decision: Decision,
+    from: Option<Decision>,
+) -> SurfaceInteraction<DoubleDouble> {
+    match object {
+        DoubleObject::Plane(plane) => plane::interaction(ray, plane),
+        DoubleObject::Triangle(triangle) => triangle::interaction(ray, triangle),
+        DoubleObject::Sphere(sphere) => {
+            let own = from.is_some_and(|f| f.id == decision.id);
+            sphere::interaction(ray, sphere, flag(decision.inside), flag(own))
+        }
+    }
+}
+
+/// A number above 0 where `b` holds.
+pub(super) fn flag<R: Real>(b: bool) -> R {
+    R::splat(if b { 1.0 } else { 0.0 })
+}

@@ -1,0 +1,58 @@
+//! Ray against infinite plane.
+//!
+//! **Bound.** The unit normal is within 2u of the real one, the offset h within u·|h|; it is 0 where the plane
+//! passes through the origin, the eye, and only there. Then
+//! h − n·o is off by at most eo + 6u·|o| + u·|h|, and n·d by at most (ed + 6u)·|d|.
+
+pub(crate) mod beam;
+pub(crate) mod bounds;
+pub(crate) mod coplanar;
+pub(crate) mod exact;
+pub(crate) mod filter;
+mod interaction;
+mod local;
+pub(crate) mod proof;
+pub(crate) mod texture;
+
+use super::{Ray, Span};
+use crate::numeric::{Real, Scalar, TINY, V3};
+pub(crate) use interaction::{eight, interaction};
+
+/// n · P = h in local space.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LocalPlane<R = f64> {
+    pub(crate) n: V3<R>,
+    pub(crate) h: R,
+}
+
+/// Distance to the plane and its error bound, infinite or NaN where the ray may be parallel to it.
+#[inline(always)]
+pub(crate) fn distance<R: Real>(ray: &Ray<R>, plane: &LocalPlane<R>) -> (R, R) {
+    let k = |x: f64| R::splat(x);
+    let num = plane.h - plane.n.dot(ray.o);
+    let den = plane.n.dot(ray.d);
+    let dnum = ray.eo + k(8.0 * R::U) * (ray.o.norm1() + plane.h.abs()) + k(TINY);
+    let dden = (ray.ed + k(8.0 * R::U)) * ray.len + k(TINY);
+    let t = num / den;
+    // |num/den − num*/den*| ≤ (Δnum + |t|·Δden) / (|den| − Δden)
+    let rest = (den.abs() - dden).max(k(0.0));
+    (t, (dnum + t.abs() * dden) / rest + k(8.0 * R::U) * t.abs())
+}
+
+/// Where the ray meets the plane.
+pub(crate) fn test<R: Scalar>(ray: &Ray<R>, plane: &LocalPlane<R>) -> Option<Span<R>> {
+    // From the eye, which is the origin, a plane through the eye is met at 0 alone, or nowhere.
+    if plane.h.to_f64() == 0.0 && ray.starts_at_origin() {
+        return None;
+    }
+    let k = |x: f64| R::splat(x);
+    let (t, e) = distance(ray, plane);
+    if e < k(f64::INFINITY) {
+        return Span::around(t, e, false);
+    }
+    // Perhaps parallel: not nearer than the least numerator over the greatest denominator allows.
+    let dnum = ray.eo + k(8.0 * R::U) * (ray.o.norm1() + plane.h.abs()) + k(TINY);
+    let num = (plane.h - plane.n.dot(ray.o)).abs() - dnum;
+    let den = plane.n.dot(ray.d).abs() + (ray.ed + k(8.0 * R::U)) * ray.len + k(TINY);
+    Span::unsure(num / den * k(1.0 - 8.0 * R::U), k(f64::INFINITY), false)
+}
