@@ -8,10 +8,11 @@ use std::fs;
 use std::os::unix::fs::{PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 use tessera_tests::program::coordinator;
+use tessera_tests::wait::until_within;
 
 /// The user and group that the manifests name.
 const USER: u32 = 65532;
@@ -149,12 +150,9 @@ fn pods_of_what_is_printed_render_the_picture_of_one_process() {
     let file = at.path().join("pods.yaml").display().to_string();
     let started = podman(&["play", "kube", "--network", &pods.network, &file]).unwrap();
     assert!(started.status.success(), "{}", String::from_utf8_lossy(&started.stderr));
-    let (start, picture) = (Instant::now(), at.path().join("PersistentVolumeClaim/out.png"));
-    while !picture.is_file() {
-        let logs = podman(&["pod", "logs", service]).unwrap();
-        assert!(start.elapsed() < NEVER, "{}", String::from_utf8_lossy(&logs.stdout));
-        std::thread::sleep(Duration::from_millis(100));
-    }
+    let picture = at.path().join("PersistentVolumeClaim/out.png");
+    let logs = || String::from_utf8_lossy(&podman(&["pod", "logs", service]).unwrap().stdout).into_owned();
+    until_within((NEVER, Duration::from_millis(100)), logs, || picture.is_file());
     let alone = run(&render);
     assert!(alone.status.success(), "{}", String::from_utf8_lossy(&alone.stderr));
     assert_eq!(fs::read(picture).unwrap(), fs::read(at.path().join("out.png")).unwrap());

@@ -201,6 +201,29 @@ fn a_job_is_given_up_at_its_deadline_and_goes_on_where_it_was_if_it_is_resumed()
 /// Instants of the kills.
 const KILLS: usize = 100;
 
+/// Every job is there, at least in the state that was told of it; of one that was asked to change as the farm was
+/// killed, whatever is there counts from now on.
+fn assert_kept(told: &mut BTreeMap<u64, &'static str>, jobs: &BTreeMap<u64, Value>, round: usize) {
+    for (id, state) in told {
+        let now = jobs.get(id).unwrap_or_else(|| panic!("round {round}: job {id} is gone"));
+        let now = now["state"].as_str().unwrap();
+        match *state {
+            "queued" => assert!(["queued", "rendering", "done"].contains(&now), "round {round}: {id} is {now}"),
+            "asked" => {
+                let all = ["queued", "rendering", "done", "paused", "cancelled"];
+                *state = all.into_iter().find(|s| *s == now).unwrap_or_else(|| panic!("round {round}: {id} is {now}"));
+                if *state == "rendering" {
+                    *state = "queued";
+                }
+            }
+            sure => assert_eq!(now, sure, "round {round}: job {id}"),
+        }
+        if now == "done" {
+            *state = "done";
+        }
+    }
+}
+
 #[test]
 fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
     let mut farm = Farm::start(2);
@@ -211,7 +234,7 @@ fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
         (seed >> 33) % below
     };
     // What was told: a job is at least in this state.
-    let mut told = BTreeMap::<u64, &str>::new();
+    let mut told = BTreeMap::new();
     let mut sizes = BTreeMap::<u64, (PathBuf, String)>::new();
     // Calls that the kill cut off: their answers never came.
     let mut cut_off = 0;
@@ -263,25 +286,7 @@ fn killed_at_any_instant_it_keeps_every_word_and_every_picture() {
         });
         farm.serve = None;
         farm.serve();
-        let jobs = farm.jobs();
-        for (id, state) in &mut told {
-            let now = jobs.get(id).unwrap_or_else(|| panic!("round {round}: job {id} is gone"));
-            let now = now["state"].as_str().unwrap();
-            match *state {
-                "queued" => assert!(["queued", "rendering", "done"].contains(&now), "round {round}: {id} is {now}"),
-                "asked" => {
-                    let all = ["queued", "rendering", "done", "paused", "cancelled"];
-                    *state = all.iter().find(|s| **s == now).unwrap_or_else(|| panic!("round {round}: {id} is {now}"));
-                    if *state == "rendering" {
-                        *state = "queued";
-                    }
-                }
-                sure => assert_eq!(now, sure, "round {round}: job {id}"),
-            }
-            if now == "done" {
-                *state = "done";
-            }
-        }
+        assert_kept(&mut told, &farm.jobs(), round);
     }
     assert!(cut_off > 0, "no call was on its way when it was killed");
     for (id, state) in told {
