@@ -8,6 +8,8 @@
 //!
 //! A pixel is a function of itself and of the first points of the pixels around it: the same for any region.
 
+use std::cell::Cell;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -44,8 +46,9 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
             .map(|block| {
                 WaveScratch::with(|scratch| {
                     let mut counts = RayCounts::default();
-                    let (pixels, composites) =
-                        Refinement { tracer, scratch, counts: &mut counts }.refine(block, &rule, &first);
+                    let (pixels, composites) = Buffers::with(|buffers| {
+                        Refinement { tracer, scratch, counts: &mut counts }.refine(block, &rule, &first, buffers)
+                    });
                     let mut done: Vec<Audited> = block_pixels(block)
                         .zip(&pixels)
                         .map(|(at, p)| Audited {
@@ -81,6 +84,34 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
     (Tile { region, pixels, error }, counts)
 }
 
+/// Points to be traced and what they show: memory of a thread, since it would cost as much to be had as to be used.
+#[derive(Default)]
+pub(super) struct Buffers {
+    pub(super) points: Vec<PlanePoint>,
+    pub(super) samples: Vec<Sample>,
+}
+
+thread_local! {
+    static BUFFERS: Cell<Buffers> = const { Cell::new(Buffers { points: Vec::new(), samples: Vec::new() }) };
+}
+
+impl Buffers {
+    /// Points for which memory is kept: 4 MiB.
+    const KEPT: usize = 1 << 17;
+
+    /// Does `work` with this thread's memory, empty at first.
+    pub(super) fn with<T>(work: impl FnOnce(&mut Self) -> T) -> T {
+        let mut buffers = BUFFERS.take();
+        let done = work(&mut buffers);
+        buffers.points.clear();
+        buffers.samples.clear();
+        if buffers.points.capacity().max(buffers.samples.capacity()) <= Self::KEPT {
+            BUFFERS.set(buffers);
+        }
+        done
+    }
+}
+
 /// The pixels of a region, row by row.
 pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
     (region.y0..region.y1).flat_map(move |y| (region.x0..region.x1).map(move |x| (x, y)))
@@ -90,14 +121,19 @@ pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
 struct First {
     region: Region,
     pixels: Vec<Pixel>,
+    /// The variances of their samples; NaN of what is proven, or good enough: of it nothing is learnt about others.
+    variances: Vec<f64>,
     /// Those of them that have parts.
     composites: Vec<Composite>,
 }
 
 impl First {
-    fn at(&self, (x, y): (u32, u32)) -> &Pixel {
-        let Region { x0, y0, .. } = self.region;
-        &self.pixels[(y - y0) as usize * self.region.width() as usize + (x - x0) as usize]
+    fn index(&self, (x, y): (u32, u32)) -> usize {
+        (y - self.region.y0) as usize * self.region.width() as usize + (x - self.region.x0) as usize
+    }
+
+    fn at(&self, at: (u32, u32)) -> &Pixel {
+        &self.pixels[self.index(at)]
     }
 
     /// The variance of the samples in pixel (x, y) and around it. A line that is seen in one of them is known
@@ -105,14 +141,15 @@ impl First {
     fn pooled(&self, (x, y): (u32, u32)) -> f64 {
         let Region { x0, y0, x1, y1 } = self.region;
         let (mut sum, mut weights) = (0.0, 0.0);
+        let (from, to) = (x.max(x0 + 1) - 1, (x + 2).min(x1));
         for j in y.max(y0 + 1) - 1..(y + 2).min(y1) {
-            for i in x.max(x0 + 1) - 1..(x + 2).min(x1) {
-                // Of what is proven, or good enough, nothing is learnt about others.
-                if !self.at((i, j)).has_variance() {
+            let row = &self.variances[self.index((from, j))..][..(to - from) as usize];
+            for (i, variance) in (from..to).zip(row) {
+                if variance.is_nan() {
                     continue;
                 }
                 let weight = [4.0, 2.0, 1.0][(x.abs_diff(i) + y.abs_diff(j)) as usize];
-                sum += weight * self.at((i, j)).variance();
+                sum += weight * variance;
                 weights += weight;
             }
         }
@@ -193,48 +230,51 @@ fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, rule: &Rule, cou
             packets(block.width(), block.height(), |i, j| order.push((block.x0 + i, block.y0 + j)));
             let doubts = Doubts::new(tracer, block, tolerance, rule);
             let composites = doubts.composites(tracer, block);
-            let mut points: Vec<PlanePoint> = Vec::new();
-            for &at in &order {
-                if doubts.at(at) == 0.0 {
-                    points.push(centre(view, at.0, at.1));
-                } else {
-                    let sequence = Sequence::new(view, at, PICTURE);
-                    points.extend((0..rule.first(doubts.at(at).into())).map(|k| sequence.point(k)));
-                }
-            }
-            let mut samples = vec![Sample::BLANK; points.len()];
-            WaveScratch::with(|scratch| tracer.trace(&points, 0.0, &mut samples, scratch, &mut counts));
-            let mut rest = &samples[..];
-            let mut next = |n: usize| {
-                let (these, behind) = rest.split_at(n);
-                rest = behind;
-                these
-            };
-            let pixels: Vec<_> = order
-                .into_iter()
-                .map(|at| {
+            let mut pixels = vec![Pixel::default(); block.area() as usize];
+            Buffers::with(|Buffers { points, samples }| {
+                for &at in &order {
                     if doubts.at(at) == 0.0 {
-                        return (at, Pixel::known(next(1)[0].radiance));
+                        points.push(centre(view, at.0, at.1));
+                    } else {
+                        let sequence = Sequence::new(view, at, PICTURE);
+                        points.extend((0..rule.first(doubts.at(at).into())).map(|k| sequence.point(k)));
+                    }
+                }
+                samples.resize(points.len(), Sample::BLANK);
+                WaveScratch::with(|scratch| tracer.trace(points, 0.0, samples, scratch, &mut counts));
+                let mut rest = &samples[..];
+                let mut next = |n: usize| {
+                    let (these, behind) = rest.split_at(n);
+                    rest = behind;
+                    these
+                };
+                for at in order {
+                    let pixel = &mut pixels[((at.1 - block.y0) * block.width() + at.0 - block.x0) as usize];
+                    if doubts.at(at) == 0.0 {
+                        *pixel = Pixel::known(next(1)[0].radiance);
+                        continue;
                     }
                     let doubt = f64::from(doubts.at(at));
-                    let (mut pixel, n) = (Pixel::doubted(doubt), rule.first(doubt));
+                    let n = rule.first(doubt);
+                    *pixel = Pixel::doubted(doubt);
                     pixel.add(n, next(n as usize).iter().map(|s| s.radiance));
-                    (at, pixel)
-                })
-                .collect();
-            (pixels, composites, counts)
+                }
+            });
+            (block, pixels, composites, counts)
         })
         .collect();
     let mut composites = Vec::new();
     let mut pixels = vec![Pixel::default(); region.area() as usize];
-    for (part, more, c) in done {
+    for (block, part, more, c) in done {
         *counts += c;
         composites.extend(more);
-        for ((x, y), pixel) in part {
-            pixels[(y - region.y0) as usize * region.width() as usize + (x - region.x0) as usize] = pixel;
+        for (y, row) in (block.y0..block.y1).zip(part.chunks_exact(block.width() as usize)) {
+            let at = (y - region.y0) as usize * region.width() as usize + (block.x0 - region.x0) as usize;
+            pixels[at..at + row.len()].copy_from_slice(row);
         }
     }
-    First { region, pixels, composites }
+    let variances = pixels.iter().map(|p| if p.has_variance() { p.variance() } else { f64::NAN }).collect();
+    First { region, pixels, variances, composites }
 }
 
 /// Samples a block's pixels further.
@@ -245,7 +285,13 @@ struct Refinement<'a> {
 }
 
 impl Refinement<'_> {
-    fn refine(&mut self, block: Region, rule: &Rule, first: &First) -> (Vec<Pixel>, Vec<Composite>) {
+    fn refine(
+        &mut self,
+        block: Region,
+        rule: &Rule,
+        first: &First,
+        buffers: &mut Buffers,
+    ) -> (Vec<Pixel>, Vec<Composite>) {
         let view = &self.tracer.settings().view;
         let mut pixels: Vec<Pixel> = block_pixels(block)
             .map(|at| {
@@ -273,7 +319,7 @@ impl Refinement<'_> {
             }
         });
         let mut open: Vec<usize> = (0..composites.len()).collect();
-        let (mut points, mut samples) = (Vec::new(), Vec::new());
+        let Buffers { points, samples } = buffers;
         loop {
             let mut wanted = Vec::new();
             points.clear();
@@ -291,7 +337,7 @@ impl Refinement<'_> {
             for &at in &open {
                 let more = composites[at].wanted(rule);
                 if more.iter().any(|n| *n > 0) {
-                    composites[at].ask(view, &more, &mut points);
+                    composites[at].ask(view, &more, points);
                     parts.push((at, more));
                 }
             }
@@ -299,7 +345,7 @@ impl Refinement<'_> {
                 return (pixels, composites);
             }
             samples.resize(points.len(), Sample::BLANK);
-            self.tracer.trace(&points, 0.0, &mut samples, self.scratch, self.counts);
+            self.tracer.trace(points, 0.0, samples, self.scratch, self.counts);
             let mut next = 0;
             for &(at, doublings) in &wanted {
                 let pixel = &mut pixels[at as usize];

@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::adaptive::mean;
+use super::adaptive::{Buffers, mean};
 use super::composite::Composite;
 use super::points::{Sequence, hash};
 use crate::film::ErrorEstimate;
@@ -56,59 +56,61 @@ pub(super) fn audit(
     if rate == AuditRate::default() {
         return;
     }
-    let view = &tracer.settings().view;
-    let (mut drawn, mut points) = (Vec::new(), Vec::new());
-    for pixel in pixels {
-        let probability = probability(pixel, tolerance, rate);
-        let at = pixel.at;
-        if (hash(at.0, at.1, DRAW) >> 11) as f64 >= probability * (1u64 << 53) as f64 {
-            continue;
-        }
-        for set in SETS {
-            let from = points.len();
-            if let Some(parts) = pixel.parts {
-                let fresh = parts.afresh(set);
-                let taken = parts.taken();
-                fresh.ask(view, &taken, &mut points);
-                drawn.push((pixel, probability, Some((fresh, taken)), points.len() - from));
-            } else {
-                let sequence = Sequence::new(view, at, set);
-                points.extend((0..pixel.points.clamp(LEAST, MOST)).map(|k| sequence.point(k)));
-                drawn.push((pixel, probability, None, points.len() - from));
+    Buffers::with(|Buffers { points, samples }| {
+        let view = &tracer.settings().view;
+        let mut drawn = Vec::new();
+        for pixel in pixels {
+            let probability = probability(pixel, tolerance, rate);
+            let at = pixel.at;
+            if (hash(at.0, at.1, DRAW) >> 11) as f64 >= probability * (1u64 << 53) as f64 {
+                continue;
+            }
+            for set in SETS {
+                let from = points.len();
+                if let Some(parts) = pixel.parts {
+                    let fresh = parts.afresh(set);
+                    let taken = parts.taken();
+                    fresh.ask(view, &taken, points);
+                    drawn.push((pixel, probability, Some((fresh, taken)), points.len() - from));
+                } else {
+                    let sequence = Sequence::new(view, at, set);
+                    points.extend((0..pixel.points.clamp(LEAST, MOST)).map(|k| sequence.point(k)));
+                    drawn.push((pixel, probability, None, points.len() - from));
+                }
             }
         }
-    }
-    let mut samples = vec![Sample::BLANK; points.len()];
-    tracer.trace(&points, 0.0, &mut samples, scratch, counts);
-    let mut rest = &samples[..];
-    let mut take = |parts: &mut Option<(Composite, Vec<u32>)>, n: usize| {
-        let (these, behind) = rest.split_at(n);
-        rest = behind;
-        match parts {
-            Some((fresh, taken)) => {
-                fresh.take(view, taken, these);
-                fresh.mean()
+        samples.resize(points.len(), Sample::BLANK);
+        tracer.trace(points, 0.0, samples, scratch, counts);
+        let mut rest = &samples[..];
+        let mut take = |parts: &mut Option<(Composite, Vec<u32>)>, n: usize| {
+            let (these, behind) = rest.split_at(n);
+            rest = behind;
+            match parts {
+                Some((fresh, taken)) => {
+                    fresh.take(view, taken, these);
+                    fresh.mean()
+                }
+                None => mean(these),
             }
-            None => mean(these),
+        };
+        for pair in drawn.chunks_exact_mut(2) {
+            let [a, b] = [0, 1].map(|k| {
+                let (_, _, parts, n) = &mut pair[k];
+                take(parts, *n)
+            });
+            let (pixel, probability) = (pair[0].0, pair[0].1);
+            let value = pixel.value;
+            // The value as the picture has it.
+            let value = value.to_array().map(|c| f64::from(c as f32));
+            let [a, b] = [a, b].map(|m| m.to_array());
+            let (mut square, mut noise) = (0.0, 0.0);
+            for k in 0..3 {
+                square += (value[k] - a[k]) * (value[k] - b[k]) / 3.0;
+                noise += (a[k] - b[k]) * (a[k] - b[k]) / 6.0;
+            }
+            // With σ² the variance of a set's mean, that of the product is 2σ²·(error)² + σ⁴.
+            let noise = noise * (2.0 * square.max(0.0) + noise);
+            error.audit(square, noise, probability);
         }
-    };
-    for pair in drawn.chunks_exact_mut(2) {
-        let [a, b] = [0, 1].map(|k| {
-            let (_, _, parts, n) = &mut pair[k];
-            take(parts, *n)
-        });
-        let (pixel, probability) = (pair[0].0, pair[0].1);
-        let value = pixel.value;
-        // The value as the picture has it.
-        let value = value.to_array().map(|c| f64::from(c as f32));
-        let [a, b] = [a, b].map(|m| m.to_array());
-        let (mut square, mut noise) = (0.0, 0.0);
-        for k in 0..3 {
-            square += (value[k] - a[k]) * (value[k] - b[k]) / 3.0;
-            noise += (a[k] - b[k]) * (a[k] - b[k]) / 6.0;
-        }
-        // With σ² the variance of a set's mean, that of the product is 2σ²·(error)² + σ⁴.
-        let noise = noise * (2.0 * square.max(0.0) + noise);
-        error.audit(square, noise, probability);
-    }
+    });
 }

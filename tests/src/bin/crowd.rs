@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
@@ -92,13 +92,26 @@ async fn run(args: &Args) -> Result<(), String> {
     }
     let connected = began.elapsed();
     let (cpu_before, tiles_before, at_before) = (cpu(farm.id()), done.tiles.load(Ordering::Relaxed), Instant::now());
-    // A tile that is in the picture has its memory there.
-    let painted = 3 * EDGE * EDGE * tiles_before;
-    let memory = resident(farm.id()).saturating_sub(alone + painted);
+    // The most that it holds while all are there, without the picture, three bytes a pixel.
+    let picture = 3 * EDGE * EDGE * across * down;
+    let (process, over) = (farm.id(), Arc::new(AtomicBool::new(false)));
+    let watched = tokio::spawn({
+        let over = over.clone();
+        async move {
+            let mut most = 0;
+            while !over.load(Ordering::Relaxed) {
+                most = most.max(resident(process));
+                tokio::time::sleep(Duration::from_millis(200)).await;
+            }
+            most
+        }
+    });
     for worker in workers {
         worker.await.map_err(|e| e.to_string())?;
     }
     let wall = at_before.elapsed();
+    over.store(true, Ordering::Relaxed);
+    let memory = watched.await.map_err(|e| e.to_string())?.saturating_sub(alone + picture);
     // Its time is told as long as it is there: it writes the picture now.
     let cpu = cpu(farm.id()) - cpu_before;
     let rendered = done.tiles.load(Ordering::Relaxed) - tiles_before;
