@@ -76,7 +76,8 @@ impl Decider<'_> {
                 _ => incidence.cosine,
             };
             // A light in the plane of a surface does not light it.
-            let in_plane = prepared.planes_with_light(k).contains(&met.id.0);
+            let in_plane = prepared.planes_with_light(k).contains(&met.id.0)
+                || (cosine > 0.0 && cosine < shade::GRAZING && prepared.has_light_in_plane(met.id, k));
             if !(cosine > 0.0) || in_plane {
                 continue;
             }

@@ -18,6 +18,10 @@ pub(crate) const NORMAL: f64 = 1.0 / (1u64 << 11) as f64;
 /// that leave them would be in doubt about everything within that reach.
 pub(crate) const PLACE: f64 = 1.0 / (1u64 << 14) as f64;
 
+/// Cosines below this may be the rounding of 0: a light in the plane of a flat surface does not light it, and segments
+/// to it would run along all edges in that plane.
+pub(crate) const GRAZING: f64 = 1e-6;
+
 /// Light from `light` at `place`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Incidence<R> {

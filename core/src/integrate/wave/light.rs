@@ -6,7 +6,8 @@ use super::lanes::{Column, Eight, Rays, SurfaceInteractions, column, eight_at, e
 use super::paths::Paths;
 use super::{PATHS, Stage};
 use crate::integrate::shade;
-use crate::numeric::V3;
+use crate::numeric::{Real, V3};
+use crate::shapes::Decision;
 use crate::simd::{F64x8, LANES, Simd};
 use crate::traverse::packet::{self, Packet, Spot, Ties, Walk};
 
@@ -123,6 +124,13 @@ impl Stage<'_> {
                     if in_plane.contains(&interactions.met[at + lane]) {
                         faces &= !(1 << lane);
                     }
+                }
+            }
+            let grazing = faces & (S::F64x8::splat(shade::GRAZING) - cosine).positive();
+            for lane in packet::lanes(u16::from(grazing)) {
+                let met = Decision::of(interactions.met[at + lane]);
+                if met.is_some_and(|met| self.tracer.prepared.has_light_in_plane(met.id, k)) {
+                    faces &= !(1 << lane);
                 }
             }
             let indices = FIRST_EIGHT.map(|lane| at as u32 + lane);
