@@ -35,6 +35,8 @@ const LEAST_AIM_AT_ALL: f64 = 0.45;
 const SURPRISE: [f64; 2] = [0.6, 1.5];
 /// After a render that missed the target, this share of it is aimed at, by this much finer at least.
 const ONCE_MORE: f64 = 0.9;
+/// Where only the interval's width missed the target, so many times as much is audited.
+const CLOSER: u32 = 4;
 /// A tolerance has helped where the error fell by this share of what the tolerance did.
 const HELPS: f64 = 0.3;
 /// A picture that is better than this share of the target is too good.
@@ -73,6 +75,8 @@ pub(crate) struct Target {
     /// The loosest tolerance known to meet the target, and the tightest known not to.
     good: Option<Tolerance>,
     bad: Option<Tolerance>,
+    /// How many times as much of a render is audited as its cost would have it.
+    closer: u32,
     /// The last tolerance that missed it, and the upper end of the error then.
     missed: Option<(Tolerance, f64)>,
     /// Whether the whole view meets the target by what was seen.
@@ -125,6 +129,7 @@ impl Target {
             renders: 0,
             good: None,
             bad: None,
+            closer: 1,
             missed: None,
             met: false,
             expected: None,
@@ -238,9 +243,16 @@ impl Target {
             return None;
         }
         let upper = outcome.error.interval().1;
-        let in_vain = reaches(&outcome.error, self.error) || self.spots().are_all() || self.is_in_vain(upper);
-        if in_vain || self.renders >= RENDERS || self.tolerance == Tolerance::MIN {
+        let in_vain = self.is_in_vain(upper);
+        // What was found meets the target, only not surely: then more of the picture is audited. The pixels that were
+        // drawn before are drawn again, so that finer ones alone would leave a few that stand out as they were.
+        let unsure = outcome.error.rmse() <= self.error && self.audit != AuditRate::ALL;
+        let over = reaches(&outcome.error, self.error) || self.spots().are_all() || (in_vain && !unsure);
+        if over || self.renders >= RENDERS || self.tolerance == Tolerance::MIN {
             return None;
+        }
+        if unsure {
+            self.closer = self.closer.saturating_mul(CLOSER);
         }
         self.seen = Some((outcome.error, self.audit));
         let next = self.scaled((ONCE_MORE * self.error / upper).min(ONCE_MORE));
@@ -293,6 +305,7 @@ impl Target {
         } else {
             cost::audit(self.region.area(), seen)
         };
+        let audit = AuditRate(audit.0.saturating_mul(self.closer));
         // A look's pixels are audited, and their neighbours belong to no other tile.
         let audited = if self.renders == 0 { AUDITED_LOOK } else { 1.0 };
         let dearer = self.tolerance.fraction() / tolerance.fraction() / audited;
