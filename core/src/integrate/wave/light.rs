@@ -104,6 +104,7 @@ impl Stage<'_> {
         paths: &mut Paths,
     ) {
         shadows.count = 0;
+        let has_triangles = !self.tracer.prepared.scene.triangles().is_empty();
         for at in (0..rays.count).step_by(8) {
             let mut cosine = shade::incidence(&interactions.eight::<S>(at), light).cosine;
             let mut faces = cosine.positive();
@@ -126,11 +127,13 @@ impl Stage<'_> {
                     }
                 }
             }
-            let grazing = faces & (S::F64x8::splat(shade::GRAZING) - cosine).positive();
-            for lane in packet::lanes(u16::from(grazing)) {
-                let met = Decision::of(interactions.met[at + lane]);
-                if met.is_some_and(|met| self.tracer.prepared.has_light_in_plane(met.id, k)) {
-                    faces &= !(1 << lane);
+            if has_triangles {
+                let grazing = faces & (S::F64x8::splat(shade::GRAZING) - cosine).positive();
+                for lane in packet::lanes(u16::from(grazing)) {
+                    let met = Decision::of(interactions.met[at + lane]);
+                    if met.is_some_and(|met| self.tracer.prepared.has_light_in_plane(met.id, k)) {
+                        faces &= !(1 << lane);
+                    }
                 }
             }
             let indices = FIRST_EIGHT.map(|lane| at as u32 + lane);
