@@ -25,7 +25,7 @@ pub struct Look {
 pub enum Paint {
     /// The same everywhere.
     Color(Rgb),
-    /// Index into [`Document::pictures`].
+    /// Index into [`Document::textures`].
     Texture(usize),
 }
 
