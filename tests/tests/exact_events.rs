@@ -66,6 +66,25 @@ fn needles_in_both_orders() {
 }
 
 #[test]
+fn lights_in_the_planes_of_walls() {
+    all_hold(Kind::Walls);
+}
+
+/// Segments along a wall that holds the light would meet the edges of all that stands on it, each to be proven.
+#[test]
+fn a_light_in_a_walls_plane_leaves_next_to_nothing_to_be_proven() {
+    let view = View::new(128, 96, 1.0, 1.0).expect("a view");
+    let count = |seed| {
+        let (document, settings) = event(Kind::Walls, seed);
+        let (_, counts) = Subject::new(&document).trace(&Settings { view, ..settings });
+        (counts.camera, counts.refined)
+    };
+    let counts: Vec<(u64, u64)> = (0..seeds()).into_par_iter().map(count).collect();
+    let (samples, refined) = counts.iter().fold((0, 0), |sum, c| (sum.0 + c.0, sum.1 + c.1));
+    assert!(10_000 * refined <= samples, "{refined} of {samples}");
+}
+
+#[test]
 fn sizes_far_apart() {
     all_hold(Kind::Scales);
 }

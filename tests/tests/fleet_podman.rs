@@ -12,12 +12,10 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use tessera_tests::program::coordinator;
-use tessera_tests::wait::until_within;
+use tessera_tests::wait::{NEVER, until_within};
 
 /// The user and group that the manifests name.
 const USER: u32 = 65532;
-/// Longer than anything here takes.
-const NEVER: Duration = Duration::from_secs(120);
 
 fn podman(args: &[&str]) -> Option<Output> {
     Command::new("podman").args(args).output().ok()

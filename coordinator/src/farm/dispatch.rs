@@ -17,6 +17,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
+use super::HEARD;
 use super::liveness::LastSign;
 use super::roster::Roster;
 use super::run::{Finished as FinishedRun, Note, Run};
@@ -30,8 +31,6 @@ use crate::scheduler::{CutOff, WorkerKey};
 
 /// Between two looks at who should render for whom, where nothing calls for one.
 const SHARE_EVERY: Duration = Duration::from_millis(250);
-/// What was heard that is taken in at once, before anything else is looked at.
-const AT_ONCE: usize = 32;
 /// What comes and goes is said under this name, also where nothing else is.
 pub(crate) const FARM: &str = "farm";
 
@@ -203,7 +202,7 @@ impl Dispatcher {
                 Some(order) => self.obey(order).await,
                 None => return false,
             },
-            count = self.heard.recv_many(&mut heard, AT_ONCE) => if count == 0 {
+            count = self.heard.recv_many(&mut heard, HEARD) => if count == 0 {
                 return false;
             },
             () = sleep_until(wake) => {}

@@ -16,7 +16,7 @@ use crate::error::RenderError;
 use crate::film::{Canvas, Film, Scratch, TileNote, View};
 use crate::journal;
 
-/// Bytes of tiles that wait to be stitched, at most: all that the picture takes beside itself. Four of the largest.
+/// Bytes of tiles that wait to be stitched, at most: all that the picture takes beside itself. Five of the largest.
 const WAITING: u32 = 4 << 20;
 /// Where tiles come closer together than this, the stitcher lets some gather: to be woken for each costs more than
 /// its place in the picture.

@@ -29,11 +29,13 @@ pub enum Kind {
     Giants,
     /// Planes and triangles one on another in one exact plane, which lights and the eye may lie in.
     Layers,
+    /// Slanted boxes, with lights in the planes of their walls.
+    Walls,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Contact,
         Self::EdgeOn,
         Self::Needles,
@@ -44,13 +46,14 @@ impl Kind {
         Self::Lattice,
         Self::Giants,
         Self::Layers,
+        Self::Walls,
     ];
 
     /// Bits that an oracle needs to tell whatever differs in such a scene from what is equal.
     #[must_use]
     pub fn bits(self) -> usize {
         match self {
-            Self::Contact | Self::EdgeOn | Self::Lattice | Self::Layers | Self::Mirrors => 2048,
+            Self::Contact | Self::EdgeOn | Self::Lattice | Self::Layers | Self::Mirrors | Self::Walls => 2048,
             Self::Giants | Self::Needles | Self::Pictures | Self::Scales => 4096,
             Self::Ends => 16384,
         }
@@ -314,6 +317,31 @@ fn layers(r: &mut Random) -> Document {
     d
 }
 
+/// Slanted boxes whose faces share edges, two of them with a light in the plane of a face.
+fn walls(r: &mut Random) -> Document {
+    let one = |r: &mut Random, k: usize| {
+        let mut edge = lattice(r, 1);
+        edge[k] = 1.0 + r.below(3) as f64;
+        edge
+    };
+    let [u, v, w] = [0, 1, 2].map(|k| one(r, k));
+    let mut d = Document::new(dvec3(whole(r, 9) + 0.3, 8.1, -20.2), DVec3::ZERO).with_background(0.1, 0.2, 0.4);
+    if r.one_in(2) {
+        d = d.plane_at(DVec3::Y, DVec3::ZERO, Look::default_matte());
+    }
+    for n in 0..14 {
+        let o = dvec3(whole(r, 6), r.below(4) as f64, whole(r, 6));
+        if n < 2 {
+            let (up, near) = (4.0 + r.below(4) as f64, 1.0 + r.below(4) as f64);
+            d = d.with(Item::Light(o + up * v - near * w));
+        }
+        for (at, a, b) in [(o, u, v), (o + w, u, v), (o, v, w), (o + u, v, w), (o, u, w), (o + v, u, w)] {
+            d = d.triangle([at, at + a, at + a + b], look(r)).triangle([at, at + a + b, at + b], look(r));
+        }
+    }
+    d
+}
+
 /// The scene of a kind that belongs to `seed`, and how it is seen: a small picture of odd size, so that a
 /// ray goes through its middle.
 ///
@@ -334,6 +362,7 @@ pub fn event(kind: Kind, seed: u64) -> (Document, Settings) {
         Kind::Lattice => halves(r),
         Kind::Giants => giants(r),
         Kind::Layers => layers(r),
+        Kind::Walls => walls(r),
     };
     let view = View::new(13, 9, 1.0, if kind == Kind::Lattice { 2.25 } else { 1.0 });
     let view = view.unwrap_or_else(|e| unreachable!("a view in range: {e}"));
