@@ -82,6 +82,27 @@ fn errors_asked_for_are_met_and_not_by_far() {
     }
 }
 
+/// What errs was not expected, and finer tolerances change nothing of it: only a closer audit tells that it is little.
+#[test]
+fn an_error_that_is_met_and_not_surely_is_audited_more_closely() {
+    let target = 0.5 / 255.0;
+    let square = 120.0 * 0.7 * 0.7 * target * target;
+    let gives = |step: &Step| {
+        let Some(Pass { audit, .. }) = step.pass else { panic!("{step:?}") };
+        let probability = (audit.factor() / 16.0).min(1.0);
+        let mut found = outcome(step, region(), |x, y| if (x + 7 * y).is_multiple_of(120) { square } else { 0.0 });
+        // Drawn as what is not expected to err is.
+        found.error.expected = Sum::new(0.25 * found.error.squares.value());
+        found.error.variance = Sum::new(found.error.squares.value() * square * (4.0 - probability) / probability);
+        found
+    };
+    let (steps, last, met) = run(plan(target), gives);
+    assert!(met, "{} passes, {:?}", steps.len(), last.error.interval());
+    let rates: Vec<f64> =
+        steps.iter().filter(|s| s.kept).filter_map(|s| s.pass).map(|pass| pass.audit.factor()).collect();
+    assert!(rates.len() > 1 && rates.is_sorted_by(|a, b| a < b), "{rates:?}");
+}
+
 #[test]
 fn a_small_picture_is_searched_as_a_whole_and_kept() {
     let small = Region { x0: 0, y0: 0, x1: 48, y1: 36 };
