@@ -13,6 +13,14 @@ use crate::program::program;
 /// Longer than anything here takes.
 const NEVER: Duration = Duration::from_secs(60);
 
+/// Bytes of memory that a process has, by its number; 0 where the system does not tell.
+#[must_use]
+pub fn resident(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:")).unwrap_or_default();
+    1024 * line.split_whitespace().next().and_then(|n| n.parse::<u64>().ok()).unwrap_or(0)
+}
+
 /// A program at work; killed when dropped.
 #[derive(Debug)]
 pub struct Process {

@@ -16,6 +16,7 @@ use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_proto::wire::{BeatRequest, Lease, RayCounts, TileDone};
 use tessera_tests::fake::Fake;
 use tessera_tests::loopback;
+use tessera_tests::process::resident;
 use tessera_tests::program::{program, scene};
 
 /// Pixels along a tile's edge.
@@ -187,13 +188,6 @@ fn answer(lease: &Lease, time: Duration) -> Say {
         idle_us: 0,
         error: None,
     })
-}
-
-/// Bytes of memory that a process has.
-fn resident(process: u32) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:")).unwrap_or_default();
-    1024 * line.split_whitespace().next().and_then(|n| n.parse::<u64>().ok()).unwrap_or(0)
 }
 
 /// Seconds of processor time that a process has taken.

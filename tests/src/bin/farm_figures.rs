@@ -20,6 +20,7 @@ use tessera_proto::wire::coordinator_message::Kind as Hear;
 use tessera_proto::wire::worker_message::Kind as Say;
 use tessera_tests::fake::{Fake, registration};
 use tessera_tests::loopback;
+use tessera_tests::process::resident;
 use tessera_tests::program::scene;
 use tessera_tests::web::http;
 use tonic::transport::{Channel, Endpoint};
@@ -117,12 +118,6 @@ impl Farm {
         // The farm looks ten times a second: what it wrote itself is exact.
         let own = Duration::from_millis(last.ended_ms - last.submitted_ms);
         own.min(began.elapsed())
-    }
-
-    fn resident(&self) -> u64 {
-        let status = fs::read_to_string(format!("/proc/{}/status", self.serve.0.id())).unwrap();
-        let line = status.lines().find(|l| l.starts_with("VmRSS")).unwrap();
-        1024 * line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap()
     }
 }
 
@@ -230,7 +225,7 @@ fn watching() {
 async fn queued() {
     let mut farm = Farm::start().await;
     let spec = farm.spec("demo.xml").await;
-    let before = farm.resident();
+    let before = resident(farm.serve.0.id());
     let began = Instant::now();
     let mut calls = tokio::task::JoinSet::new();
     for n in 0..QUEUED {
@@ -252,7 +247,7 @@ async fn queued() {
         farm.calls.submit(spec).await.unwrap();
         times.push(began.elapsed());
     }
-    let each = farm.resident().saturating_sub(before) as f64 / QUEUED as f64;
+    let each = resident(farm.serve.0.id()).saturating_sub(before) as f64 / QUEUED as f64;
     println!(
         "{QUEUED} jobs queued in {:.1} s: {:.2} KiB each (goal 2), and one more takes {:.1} ms",
         took.as_secs_f64(),
