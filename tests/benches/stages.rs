@@ -108,8 +108,8 @@ fn tile_best(bencher: Bencher<'_, '_>, name: &str) {
 
 /// By none but those that every machine has.
 #[divan::bench(args = SCENES)]
-fn tile_scalar(bencher: Bencher<'_, '_>, name: &str) {
-    tile(bencher, name, Level::Scalar);
+fn tile_baseline(bencher: Bencher<'_, '_>, name: &str) {
+    tile(bencher, name, Level::Baseline);
 }
 
 /// Linear pixels to 8-bit codes.

@@ -89,7 +89,7 @@ impl Subject {
     }
 
     /// The picture's pixels as the tracer gives them, and the rays it took; by the instructions of
-    /// every level of this machine, each of which has to give the same bits.
+    /// every level of this machine, and by f64 without packets: each has to give the same bits.
     ///
     /// # Panics
     /// When the settings are out of range, or a level gives other bits.
@@ -97,9 +97,9 @@ impl Subject {
     pub fn trace(&self, settings: &Settings) -> (Vec<[f32; 3]>, RayCounts) {
         let whole = Region::new(0, 0, settings.view.width(), settings.view.height());
         let whole = whole.unwrap_or_else(|| unreachable!("a view has pixels"));
+        let tracer = Tracer::new(Arc::clone(&self.prepared), *settings).unwrap_or_else(|e| panic!("{e}"));
         let by = |level: Level| {
-            let tracer = Tracer::new(Arc::clone(&self.prepared), *settings).unwrap_or_else(|e| panic!("{e}"));
-            let (tile, counts) = tracer.with_level(level).render(whole);
+            let (tile, counts) = tracer.clone().with_level(level).render(whole);
             (tile.pixels, counts)
         };
         let (pixels, counts) = by(Level::best());
@@ -107,6 +107,8 @@ impl Subject {
         for level in Level::all().into_iter().filter(|level| *level != Level::best()) {
             assert_eq!(bits(&by(level).0), bits(&pixels), "{level:?} gives other bits than {:?}", Level::best());
         }
+        let plain = tracer.without_filter().render(whole).0.pixels;
+        assert_eq!(bits(&plain), bits(&pixels), "f64 gives other bits than packets");
         (pixels, counts)
     }
 

@@ -144,13 +144,14 @@ fn samples_that_were_wrong_once_are_right() {
         };
         let scene = read_file(&path, &ReadOptions::default()).expect("the scene is valid").scene;
         let prepared = Arc::new(PreparedScene::build(Arc::new(scene)));
-        for level in Level::all() {
-            let tracer = Tracer::new(Arc::clone(&prepared), settings).expect("settings in range").with_level(level);
+        let tracer = Tracer::new(Arc::clone(&prepared), settings).expect("settings in range");
+        let levels = Level::all().into_iter().map(|level| (format!("{level:?}"), tracer.clone().with_level(level)));
+        for (level, tracer) in levels.chain([("f64".into(), tracer.clone().without_filter())]) {
             let (tile, counts) = tracer.render(Region::new(0, 0, w, h).expect("not empty"));
-            assert_eq!(counts.unresolved, 0, "{path:?} by {level:?}");
+            assert_eq!(counts.unresolved, 0, "{path:?} by {level}");
             for (k, (a, e)) in tile.pixels.iter().zip(expected.pixels()).enumerate() {
                 let close = (0..3).all(|c| (f64::from(a[c]) - f64::from(e[c])).abs() < CLOSE);
-                assert!(close, "{path:?} by {level:?}: pixel {k} is {a:?}, not {e:?}");
+                assert!(close, "{path:?} by {level}: pixel {k} is {a:?}, not {e:?}");
             }
         }
     }

@@ -104,11 +104,11 @@ impl Description {
             },
             Need {
                 what: "wide instructions",
-                needed: Level::best() != Level::Scalar,
+                needed: Level::best() != Level::Baseline,
                 why: match Level::best() {
                     Level::Avx512 => "AVX-512 here, sixteen rays at a time".into(),
                     Level::Avx2 => "AVX2 here, sixteen rays at a time".into(),
-                    Level::Scalar => "this machine offers none that are used; the bits are the same".into(),
+                    Level::Baseline => "this machine offers none that are used; the bits are the same".into(),
                 },
             },
         ];

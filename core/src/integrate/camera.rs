@@ -12,7 +12,8 @@ use crate::shapes::exact::{ExactRay, LAST};
 /// Wide enough for products of the sky and two differences of points.
 type Exact = Vector<104>;
 
-/// Bound on a camera ray's direction, see [`Frame::ray`].
+/// Bound on a camera ray's direction, relative: each of its three orthogonal parts is within u of the real one, its
+/// product with a coordinate within another u, and two sums follow: |d − d*| ≤ (2√3 + 2)u·|d|.
 pub(crate) const TURN: f64 = 6.0 * U;
 
 /// The camera's frame under a view, for points on a grid of `grid` cells along a pixel's edge.
@@ -65,25 +66,12 @@ impl Frame {
         }
     }
 
-    /// The ray through `p`, in local space.
-    ///
-    /// Each of the three orthogonal parts is within u of the real one, its product with a
-    /// coordinate within another u, and two sums follow: |d − d*| ≤ (2√3 + 2)u·|d|, below [`TURN`].
-    pub(crate) fn ray(&self, p: PlanePoint) -> Ray {
-        Ray::new(V3::splat(DVec3::ZERO), V3::splat(self.direction(p)), 0.0, TURN)
-    }
-
-    /// The ray through `p`, in local space and to twice the digits; the bound as for [`Self::ray`].
+    /// The ray through `p`, in local space and to twice the digits; the bound as for [`TURN`].
     pub(crate) fn double_ray(&self, p: PlanePoint) -> Ray<DoubleDouble> {
         let [f, r, u] = self.double;
         let k = DoubleDouble::splat;
         let d = f + r * k(f64::from(p.x)) + u * k(f64::from(p.y));
         Ray::new(V3::splat(DVec3::ZERO), d, k(0.0), k(TURN / U * DoubleDouble::U))
-    }
-
-    /// The direction of [`Self::ray`].
-    pub(crate) fn direction(&self, p: PlanePoint) -> DVec3 {
-        self.forward + self.right * f64::from(p.x) + self.up * f64::from(p.y)
     }
 
     /// The ray through `p`, in world space and wide arithmetic.

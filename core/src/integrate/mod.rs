@@ -2,7 +2,6 @@
 
 mod camera;
 mod double_double;
-mod path;
 mod refine;
 mod shade;
 mod texels;
@@ -14,6 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use crate::bvh::{Boxes, Bvh};
 use crate::film::transfer::to_linear;
 use crate::film::{GRID, PlanePoint};
 use crate::scene::{Pigment, TextureId};
@@ -22,6 +22,7 @@ use crate::shapes::texture::{self, Mapping};
 use crate::shapes::{ObjectId, kind};
 use crate::simd::{Level, dispatch};
 use crate::traverse::PreparedScene;
+use crate::traverse::filter::Filter;
 use camera::Frame;
 use texels::Texels;
 use wave::Wave;
@@ -123,6 +124,8 @@ pub struct Tracer {
     mirrors: bool,
     level: Level,
     refinement: Refinement,
+    /// Whether f32 is asked before f64.
+    filters: bool,
     /// Set when nobody wants what is rendered any more.
     unwanted: Option<Arc<AtomicBool>>,
 }
@@ -160,6 +163,7 @@ impl Tracer {
             mirrors: materials.iter().any(|m| m.reflect > 0.0),
             level: Level::best(),
             refinement: Refinement::On,
+            filters: true,
             unwanted: None,
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
@@ -220,6 +224,21 @@ impl Tracer {
     #[must_use]
     pub fn with_refinement(self, refinement: Refinement) -> Self {
         Self { refinement, ..self }
+    }
+
+    /// The same tracer without packets of f32: what they leave out is nothing, which tests hold them to.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn without_filter(self) -> Self {
+        Self { filters: false, ..self }
+    }
+
+    /// What packets of f32 walk through, where they can.
+    fn packets(&self) -> Option<(&Filter, &Bvh<f32>)> {
+        match (&self.prepared.filter, &self.prepared.boxes) {
+            (Some(filter), Boxes::F32(bvh)) if self.filters => Some((filter, bvh)),
+            _ => None,
+        }
     }
 
     /// What `id` does with light.

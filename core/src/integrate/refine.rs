@@ -4,11 +4,12 @@ use glam::{DVec2, DVec3};
 
 use super::Tracer;
 use super::double_double::DoubleDoublePath;
+use super::shade;
 use crate::exact::{self, CameraPath, Point, Proof};
 use crate::film::PlanePoint;
 use crate::numeric::{U, Unsure, V3, Vector};
 use crate::shapes::exact::{ExactHit, ExactRay, FIRST, LAST, hit};
-use crate::shapes::{Decision, ObjectId, SurfaceInteraction, sphere, texture};
+use crate::shapes::{Decision, ObjectId, Ray, SurfaceInteraction, sphere, texture};
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {
@@ -297,5 +298,29 @@ impl Refiner {
             return Some(refined);
         }
         self.ask(case, &Hit { met, mirrored })
+    }
+}
+
+impl Tracer {
+    /// Where `ray` meets a giant that is not pictured, as it is described around the eye: if that is right to nearly
+    /// the last digits, as what else would be asked for this place is.
+    pub(super) fn giant_interaction(
+        &self,
+        ray: &Ray,
+        met: Decision,
+        from: Option<Decision>,
+        throughput: f64,
+    ) -> Option<SurfaceInteraction> {
+        let interaction = self.prepared.giants.interaction(ray, met, from)?;
+        let tight = interaction.ep <= 256.0 * U * interaction.p.norm1() && interaction.en <= 256.0 * U;
+        (tight && !self.is_pictured(met.id.0) && !self.too_wide(&interaction, throughput)).then_some(interaction)
+    }
+
+    /// Whether the values at `place` may be too far from the real ones for a picture.
+    pub(super) fn too_wide(&self, interaction: &SurfaceInteraction, throughput: f64) -> bool {
+        let lights = &self.prepared.local.lights;
+        let first = self.prepared.local.nearest_light_at_first();
+        let nearest = lights.iter().fold(first, |d, &l| shade::nearer(d, interaction, V3::splat(l)));
+        !(shade::excess(interaction, nearest, throughput) <= 0.0)
     }
 }

@@ -22,19 +22,11 @@ pub(crate) const PLACE: f64 = 1.0 / (1u64 << 14) as f64;
 /// to it would run along all edges in that plane.
 pub(crate) const GRAZING: f64 = 1e-6;
 
-/// Light from `light` at `place`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Incidence<R> {
-    /// n · l; not above 0 where the light is behind the surface.
-    pub(crate) cosine: R,
-    /// From the place to the light.
-    pub(crate) l: V3<R>,
-}
-
+/// n · l towards `light`; not above 0 where the light is behind the surface.
 #[inline(always)]
-pub(crate) fn incidence<R: Real>(interaction: &SurfaceInteraction<R>, light: V3<R>) -> Incidence<R> {
+pub(crate) fn cosine<R: Real>(interaction: &SurfaceInteraction<R>, light: V3<R>) -> R {
     let l = light - interaction.p;
-    Incidence { cosine: interaction.n.dot(l) / l.dot(l).sqrt(), l }
+    interaction.n.dot(l) / l.dot(l).sqrt()
 }
 
 /// The squared distance to `light`, or `least` where that is less.

@@ -61,11 +61,6 @@ impl Kernel for Prove<'_> {
     type Output = (Doubt, Shapes);
     #[inline(always)]
     fn run<S: Simd>(self) -> (Doubt, Shapes) {
-        self.run_scalar()
-    }
-
-    #[inline(always)]
-    fn run_scalar(self) -> (Doubt, Shapes) {
         let frame = self.tracer.frame();
         let lens = Lens { apex: DVec3::ZERO, forward: frame.forward, right: frame.right, up: frame.up };
         let (mut doubt, mut shapes) = ([0.0; 64], Vec::new());

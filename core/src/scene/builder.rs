@@ -4,11 +4,11 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
+use super::rules::{self, finite};
 use super::{
     Camera, Order, Orientation, Pigment, Plane, PlanePosition, Rgb, Scene, Sphere, Surface, SurfaceId, Texture,
     TextureId, Triangle,
 };
-use crate::numeric::predicates::{parallel, parallel_to_view};
 use crate::simd::roomy;
 
 /// As many as a leaf of the hierarchy can name.
@@ -55,14 +55,6 @@ pub enum Invalid {
     NoCamera,
 }
 
-fn finite(v: DVec3) -> Result<DVec3, Invalid> {
-    if v.is_finite() { Ok(v) } else { Err(Invalid::NotFinite) }
-}
-
-fn share(x: f64) -> Result<f64, Invalid> {
-    if (0.0..=1.0).contains(&x) { Ok(x) } else { Err(Invalid::NotAShare(x)) }
-}
-
 /// Grows a [`Scene`], one checked object at a time, in document order.
 #[derive(Debug, Default)]
 pub struct SceneBuilder {
@@ -104,16 +96,7 @@ impl SceneBuilder {
     /// # Errors
     /// `look_at` = `location`, or `sky` zero or parallel to the view, decided exactly.
     pub fn camera(&mut self, location: DVec3, sky: DVec3, look_at: DVec3) -> Result<(), Invalid> {
-        let (location, sky, look_at) = (finite(location)?, finite(sky)?, finite(look_at)?);
-        if location == look_at {
-            return Err(Invalid::NoView);
-        }
-        if sky == DVec3::ZERO {
-            return Err(Invalid::ZeroSky);
-        }
-        if parallel_to_view(location, look_at, sky) {
-            return Err(Invalid::SkyParallel);
-        }
+        rules::view(location, sky, look_at)?;
         self.camera = Some(Camera { location, sky, look_at });
         Ok(())
     }
@@ -124,7 +107,7 @@ impl SceneBuilder {
     /// A component outside [0, 1].
     pub fn background(&mut self, color: Rgb) -> Result<(), Invalid> {
         for c in color {
-            share(c)?;
+            rules::share(c)?;
         }
         self.background = color;
         Ok(())
@@ -155,10 +138,10 @@ impl SceneBuilder {
     /// A number outside [0, 1], an unknown picture, or more surfaces than ids.
     pub fn surface(&mut self, surface: Surface) -> Result<SurfaceId, Invalid> {
         let Surface { diffuse, reflect, pigment } = surface;
-        let (diffuse, reflect) = (share(diffuse)? + 0.0, share(reflect)? + 0.0); // −0 as +0
+        let (diffuse, reflect) = (rules::share(diffuse)?, rules::share(reflect)?);
         let (pigment, key) = match pigment {
             Pigment::Color([r, g, b]) => {
-                let c = [share(r)? + 0.0, share(g)? + 0.0, share(b)? + 0.0];
+                let c = [rules::share(r)?, rules::share(g)?, rules::share(b)?];
                 (Pigment::Color(c), c.map(f64::to_bits))
             }
             Pigment::Texture(TextureId(id)) => {
@@ -197,9 +180,7 @@ impl SceneBuilder {
     /// # Errors
     /// A zero normal or a number that is not finite.
     pub fn plane(&mut self, normal: DVec3, position: PlanePosition, surface: SurfaceId) -> Result<(), Invalid> {
-        if finite(normal)? == DVec3::ZERO {
-            return Err(Invalid::ZeroNormal);
-        }
+        rules::normal(normal)?;
         match position {
             PlanePosition::Point(p) => drop(finite(p)?),
             PlanePosition::Distance(d) if !d.is_finite() => return Err(Invalid::NotFinite),
@@ -215,14 +196,7 @@ impl SceneBuilder {
     /// # Errors
     /// Pole or equator zero, not finite, or parallel to each other.
     pub fn check_orientation(orientation: &Orientation) -> Result<(), Invalid> {
-        let (pole, equator) = (finite(orientation.pole)?, finite(orientation.equator)?);
-        if pole == DVec3::ZERO || equator == DVec3::ZERO {
-            return Err(Invalid::ZeroOrientation);
-        }
-        if parallel(pole, equator) {
-            return Err(Invalid::OrientationParallel);
-        }
-        Ok(())
+        rules::orientation(Some(orientation.pole), Some(orientation.equator)).map(|_| ())
     }
 
     /// Adds a sphere. `orientation` is kept only where the surface's pigment is a picture;
@@ -238,12 +212,7 @@ impl SceneBuilder {
         surface: SurfaceId,
     ) -> Result<(), Invalid> {
         finite(center)?;
-        if !radius.is_finite() {
-            return Err(Invalid::NotFinite);
-        }
-        if radius <= 0.0 {
-            return Err(Invalid::Radius(radius));
-        }
+        rules::radius(radius)?;
         let surface = self.known(surface)?;
         if let Some(o) = &orientation {
             Self::check_orientation(o)?;

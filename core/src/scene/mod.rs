@@ -7,6 +7,7 @@
 
 mod builder;
 pub mod pixmap;
+pub(crate) mod rules;
 mod texture;
 
 pub use builder::{Invalid, SceneBuilder};

@@ -2,9 +2,8 @@
 //! bound on its error.
 
 use super::local::DoubleObject;
-use super::{Decision, Kind, Local, Ray, kind, plane, sphere, triangle};
+use super::{Decision, Ray, plane, sphere, triangle};
 use crate::numeric::{DoubleDouble, Real, U, V3};
-use crate::scene::Scene;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -48,25 +47,7 @@ pub(super) fn against<R: Real>(ray: &Ray<R>, n: V3<R>) -> V3<R> {
     V3::if_positive(n.dot(ray.d), -n, n)
 }
 
-/// Where `ray`, which starts on `from`, meets what it is known to meet.
-pub(crate) fn interaction(
-    scene: &Scene,
-    local: &Local,
-    ray: &Ray,
-    decision: Decision,
-    from: Option<Decision>,
-) -> SurfaceInteraction {
-    match kind(scene, decision.id) {
-        Kind::Plane(i) => plane::interaction(ray, &local.planes[i]),
-        Kind::Triangle(i) => triangle::interaction(ray, &local.triangle(&scene.triangles()[i])),
-        Kind::Sphere(i) => {
-            let own = from.is_some_and(|f| f.id == decision.id);
-            sphere::interaction(ray, &local.spheres[i], flag(decision.inside), flag(own))
-        }
-    }
-}
-
-/// The same to twice the digits, on the object that is met.
+/// Where `ray`, which starts on `from`, meets the object it is known to meet, to twice the digits.
 pub(crate) fn interaction_double(
     ray: &Ray<DoubleDouble>,
     object: &DoubleObject,

@@ -40,7 +40,7 @@ pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
 pub(crate) use bounds::{bounds, coincide};
-pub(crate) use interaction::{SurfaceInteraction, TAKEN, interaction, interaction_double};
+pub(crate) use interaction::{SurfaceInteraction, TAKEN, interaction_double};
 pub(crate) use local::Local;
 pub(crate) use object::{
     Decision, INSIDE, Kind, NONE, ObjectId, SPHERES, TRIANGLES, all_same, first_sphere, first_triangle, kind,

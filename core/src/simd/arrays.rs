@@ -1,4 +1,4 @@
-//! Vectors as arrays, of which the compiler makes AVX2.
+//! Vectors as arrays, of which the compiler makes AVX2, or what else there is.
 //!
 //! With loops, not `from_fn`: that is not surely compiled into the code of the level that calls it,
 //! and then for none.

@@ -7,7 +7,6 @@
 
 #![expect(unsafe_code, reason = "vector instructions and advice on pages are behind unsafe")]
 
-#[cfg(target_arch = "x86_64")]
 mod arrays;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
@@ -110,8 +109,8 @@ pub(crate) fn three<S: Simd>(lanes: &[[f64; 8]], at: usize) -> V3<S::F64x8> {
 /// Which instructions are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// One ray at a time, in f64: on any architecture.
-    Scalar,
+    /// What every processor of the architecture has, on any architecture.
+    Baseline,
     /// AVX2 and FMA.
     Avx2,
     /// AVX-512 F, BW, DQ and VL.
@@ -123,13 +122,13 @@ impl Level {
     #[must_use]
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();
-        *BEST.get_or_init(|| Self::all().into_iter().next_back().unwrap_or(Self::Scalar))
+        *BEST.get_or_init(|| Self::all().into_iter().next_back().unwrap_or(Self::Baseline))
     }
 
     /// All that this machine offers, the plainest first.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all = vec![Self::Scalar];
+        let mut all = vec![Self::Baseline];
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
@@ -168,10 +167,8 @@ pub(crate) fn prefetch<T>(of: &[T], start: usize, count: usize) {
 /// Work that can be done at every level.
 pub(crate) trait Kernel {
     type Output;
-    /// With vectors; must be `#[inline(always)]`, to be compiled for the level's instructions.
+    /// Must be `#[inline(always)]`, to be compiled for the level's instructions.
     fn run<S: Simd>(self) -> Self::Output;
-    /// Without.
-    fn run_scalar(self) -> Self::Output;
 }
 
 /// Runs `kernel` with the instructions of `level`, which must be one of [`Level::all`].
@@ -195,6 +192,6 @@ pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
             // SAFETY: as above.
             unsafe { with_avx512(kernel) }
         }
-        _ => kernel.run_scalar(),
+        _ => kernel.run::<arrays::Arrays>(),
     }
 }

@@ -17,6 +17,7 @@ use super::number::{self, NotANumber};
 use super::part::Part;
 use super::source::shown;
 use super::suggest::closest;
+use crate::scene::rules;
 
 /// From offsets in what the parser was given to offsets in the document: what lies
 /// before `cut` is shifted by one amount, what lies behind by another.
@@ -315,8 +316,8 @@ impl Checker<'_, '_> {
     /// A number in [0, 1].
     fn share(&mut self, attribute: Attribute<'_, '_>, name: &str) -> Option<f64> {
         let value = self.number(attribute, name)?;
-        if (0.0..=1.0).contains(&value) {
-            return Some(value + 0.0); // −0 as +0
+        if let Ok(share) = rules::share(value) {
+            return Some(share);
         }
         let at = self.value_range(&attribute);
         self.find(Code::Range, at, |f| {
@@ -369,8 +370,6 @@ fn wrong_child(known: bool, name: &str, parent: &str) -> String {
         format!("unknown element `{}`", shown(name))
     }
 }
-
-pub(super) use objects::orientation_default;
 
 impl Finding {
     fn say(mut self, message: impl Into<String>) -> Self {

@@ -8,13 +8,11 @@
 
 use glam::DVec3;
 
-use super::check::orientation_default;
 use super::lex::is_space;
 use super::number;
 use super::part::{Finish, Object, Paint, Part, Plane, Sphere, Triangle};
-use crate::numeric::predicates::parallel;
 use crate::numeric::zero_area::surely_not_zero;
-use crate::scene::{Orientation, PlanePosition};
+use crate::scene::{PlanePosition, rules};
 
 /// A cursor over a document's bytes.
 #[derive(Debug)]
@@ -174,7 +172,7 @@ impl<'t> Fast<'t> {
 
     #[inline]
     fn share(&mut self, name: &[u8]) -> Option<f64> {
-        self.number(name).filter(|v| (0.0..=1.0).contains(v)).map(|v| v + 0.0)
+        self.number(name).and_then(|v| rules::share(v).ok())
     }
 
     #[inline]
@@ -295,18 +293,12 @@ impl<'t> Fast<'t> {
 
     fn sphere(&mut self) -> Option<(Object, Coat<'t>)> {
         self.eat(b"<sphere")?;
-        let radius = self.number(b"radius").filter(|r| *r > 0.0)?;
+        let radius = self.number(b"radius").and_then(|r| rules::radius(r).ok())?;
         self.tag_end()?;
         let center = self.vector(b"<location", b"</location")?;
         let pole = if self.ahead(b"<pole") { Some(self.direction(b"<pole", b"</pole")?) } else { None };
         let equator = if self.ahead(b"<equator") { Some(self.direction(b"<equator", b"</equator")?) } else { None };
-        let orientation = match (pole, equator) {
-            (None, None) => None,
-            (Some(pole), None) => Some(Orientation { pole, equator: orientation_default(pole, DVec3::X) }),
-            (None, Some(equator)) => Some(Orientation { pole: orientation_default(equator, DVec3::Y), equator }),
-            (Some(pole), Some(equator)) if parallel(pole, equator) => return None,
-            (Some(pole), Some(equator)) => Some(Orientation { pole, equator }),
-        };
+        let orientation = rules::orientation(pole, equator).ok()?;
         let surface = self.surface()?;
         self.open(b"</sphere")?;
         Some((Object::Sphere(Sphere { center, radius, orientation, surface: 0 }), surface))

@@ -1,8 +1,8 @@
 //! The rays of a wave, and what they meet.
 
+use super::Stage;
 use super::lanes::{Rays, SurfaceInteractions, eight_at, store};
 use super::paths::Paths;
-use super::{FAR, Stage};
 use crate::film::PlanePoint;
 use crate::integrate::camera;
 use crate::numeric::V3;
@@ -22,7 +22,7 @@ impl Stage<'_> {
             for (lane, p) in points.iter().enumerate() {
                 (x[lane], y[lane]) = (f64::from(p.x), f64::from(p.y));
             }
-            // The operations of `Frame::direction`.
+            // Off by no more than `camera::TURN`, which counts these operations.
             let d: V3<S::F64x8> = forward + right * S::F64x8::load(&x) + up * S::F64x8::load(&y);
             store(d.x, &mut rays.d[0], 8 * k);
             store(d.y, &mut rays.d[1], 8 * k);
@@ -63,10 +63,10 @@ impl Stage<'_> {
         let turn = ed * s(1.1) + s(10.0 * U32);
         ((eo + far * (turn + s(2.0 * U32))) * up).store(&mut packet.near);
         (turn * up).store(&mut packet.per);
-        ((eo + turn * (far + s(self.filter.reach))) * s(1.1)).store(&mut packet.pad);
+        ((eo + turn * (far + s(self.reach))) * s(1.1)).store(&mut packet.pad);
         // Squares of lengths that f32 holds to its full precision.
         let dd = d.x * d.x + d.y * d.y + d.z * d.z;
-        far.lt(s(FAR as f32)) & s(1e-36).lt(dd) & dd.lt(s(1e30))
+        far.lt(s(self.far)) & s(1e-36).lt(dd) & dd.lt(s(1e30))
     }
 
     /// Walks with the packet of the rays from `at` on, of `n`; gives its lanes, and those that f32 can
@@ -86,7 +86,10 @@ impl Stage<'_> {
         packet.own[8..].copy_from_slice(eight_at(&rays.own, at + 8));
         packet.active = all & near;
         let ties = Ties::new(&self.tracer.prepared, packet, None);
-        packet::closest::<S>(self.filter, self.bvh, packet, ties, walk);
+        match self.packets {
+            Some((filter, bvh)) => packet::closest::<S>(filter, bvh, packet, ties, walk),
+            None => walk.forget(),
+        }
         [all, near]
     }
 

@@ -63,6 +63,20 @@ impl Rays {
         Ray::new(at.load3::<S>(&self.o), at.load3::<S>(&self.d), at.load::<S>(&self.eo), at.load::<S>(&self.ed))
     }
 
+    /// Copies some of the rays `to` where others were.
+    pub(super) fn take(&self, some: std::ops::Range<usize>, to: &mut Self) {
+        to.count = some.len();
+        let n = ..some.len();
+        for (from, to) in self.o.iter().chain(&self.d).zip(to.o.iter_mut().chain(&mut to.d)) {
+            to[n].copy_from_slice(&from[some.clone()]);
+        }
+        for (from, to) in [(&self.eo, &mut to.eo), (&self.ed, &mut to.ed), (&self.throughput, &mut to.throughput)] {
+            to[n].copy_from_slice(&from[some.clone()]);
+        }
+        to.own[n].copy_from_slice(&self.own[some.clone()]);
+        to.path[n].copy_from_slice(&self.path[some]);
+    }
+
     pub(super) fn one(&self, i: usize) -> Ray {
         let v = |a: &[Column<f64>; 3]| V3 { x: a[0][i], y: a[1][i], z: a[2][i] };
         Ray::new(v(&self.o), v(&self.d), self.eo[i], self.ed[i])

@@ -67,7 +67,10 @@ impl Stage<'_> {
                 let all = ((1u32 << LANES.min(shadows.count - first)) - 1) as u16;
                 packet.active = all & near;
                 let ties = Ties::new(&self.tracer.prepared, packet, Some(k));
-                let mut blocked = packet::blocked::<S>(self.filter, self.bvh, packet, &mut last, exempt, ties, walk);
+                let mut blocked = match self.packets {
+                    Some((filter, bvh)) => packet::blocked::<S>(filter, bvh, packet, &mut last, exempt, ties, walk),
+                    None => 0,
+                };
                 for lane in packet::lanes(walk.open(all, near)) {
                     let i = shadows.at[first + lane] as usize;
                     let candidates = walk.doubts_of(lane);
@@ -106,7 +109,7 @@ impl Stage<'_> {
         shadows.count = 0;
         let has_triangles = !self.tracer.prepared.scene.triangles().is_empty();
         for at in (0..rays.count).step_by(8) {
-            let mut cosine = shade::incidence(&interactions.eight::<S>(at), light).cosine;
+            let mut cosine = shade::cosine(&interactions.eight::<S>(at), light);
             let mut faces = cosine.positive();
             if interactions.any_refined(at) {
                 let mut cosines = [0.0; 8];
@@ -141,7 +144,7 @@ impl Stage<'_> {
             cosine.compress(faces).store(eight_at_mut(&mut shadows.cosine, shadows.count));
             shadows.count += faces.count_ones() as usize;
         }
-        paths.count_shadows(rays, &shadows.at[..shadows.count]);
+        paths.counts.shadow += shadows.count as u64;
     }
 
     /// Adds what each place sends along its path.

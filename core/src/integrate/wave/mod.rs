@@ -2,8 +2,7 @@
 //!
 //! A wave holds the paths of a block of pixels and steps them from mirror to mirror. What a
 //! packet cannot settle in f32 is settled among its few candidates in f64, and what f64 cannot
-//! settle goes to exact arithmetic. `integrate::path` traces one path by the same operations and serves
-//! scenes that f32 cannot hold, and the rare path that is longer than a wave keeps.
+//! settle goes to exact arithmetic. In scenes that f32 cannot hold, f64 is asked at once.
 
 mod closest;
 mod lanes;
@@ -20,20 +19,20 @@ use lanes::{Column, Rays, SurfaceInteractions, column};
 use light::Shadows;
 use paths::Paths;
 
-use super::path::PathScratch;
 use super::{RayCounts, Sample, Tracer};
-use crate::bvh::{Boxes, Bvh};
+use crate::bvh::Bvh;
 use crate::film::PlanePoint;
-use crate::simd::{Kernel, Simd};
+use crate::simd::{Kernel, LANES, Simd};
+use crate::traverse::Scratch;
 use crate::traverse::filter::Filter;
 use crate::traverse::packet::{Packet, Walk};
 
 /// The most paths of a wave.
 pub(crate) const PATHS: usize = 512;
-/// Steps a wave keeps; longer paths are traced alone.
-pub(crate) const STEPS: u32 = 64;
+/// Rays of a path after which a wave goes on with a few paths at a time: what each has met so far takes memory.
+const STEPS: u32 = 64;
 /// Starts farther out than this are left to f64.
-const FAR: f64 = 1e4;
+const FAR: f32 = 1e4;
 
 /// Indices of rays that met planes, spheres, triangles, nothing.
 struct Kinds {
@@ -51,6 +50,8 @@ impl Default for Kinds {
 pub(crate) struct WaveScratch {
     rays: Rays,
     next: Rays,
+    /// Rays that wait while a few paths go on.
+    left: Rays,
     interactions: SurfaceInteractions,
     shadows: Shadows,
     packet: Packet,
@@ -58,11 +59,9 @@ pub(crate) struct WaveScratch {
     kinds: Kinds,
     /// Of each path, the light it has gathered.
     radiance: [Column<f64>; 3],
-    /// Per path: rays so far; kept only where a path may outgrow a wave.
-    mirrors: Vec<u32>,
-    shadow_counts: Vec<u32>,
+    /// What each path met, per step.
     trails: Vec<Column<u32>>,
-    pub(crate) path: PathScratch,
+    pub(crate) query: Scratch,
 }
 
 impl Default for WaveScratch {
@@ -70,16 +69,15 @@ impl Default for WaveScratch {
         Self {
             rays: Rays::default(),
             next: Rays::default(),
+            left: Rays::default(),
             interactions: SurfaceInteractions::default(),
             shadows: Shadows::default(),
             packet: Packet::default(),
             walk: Walk::default(),
             kinds: Kinds::default(),
             radiance: [column(0.0), column(0.0), column(0.0)],
-            mirrors: Vec::new(),
-            shadow_counts: Vec::new(),
             trails: Vec::new(),
-            path: PathScratch::default(),
+            query: Scratch::default(),
         }
     }
 }
@@ -97,7 +95,7 @@ impl WaveScratch {
     pub(crate) fn with<T>(work: impl FnOnce(&mut Self) -> T) -> T {
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let done = work(&mut scratch);
-        if scratch.walk.doubts.capacity().max(scratch.path.query.capacity()) <= DOUBTS {
+        if scratch.walk.doubts.capacity().max(scratch.query.capacity()) <= DOUBTS {
             SCRATCH.set(Some(scratch));
         }
         done
@@ -120,95 +118,85 @@ impl Kernel for Wave<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let prepared = &self.tracer.prepared;
-        let (Some(filter), Boxes::F32(bvh)) = (&prepared.filter, &prepared.boxes) else {
-            return self.run_scalar();
-        };
-        let WaveScratch {
-            rays,
-            next,
-            interactions,
-            shadows,
-            packet,
-            walk,
-            kinds,
-            radiance,
-            mirrors,
-            shadow_counts,
-            trails,
-            path,
-        } = self.scratch;
-        let n = self.points.len();
-        let max_depth = self.tracer.settings.max_depth;
-        for v in [&mut *mirrors, &mut *shadow_counts] {
-            v.clear();
-            v.resize(if max_depth > STEPS { n } else { 0 }, 0);
-        }
+        let Wave { tracer, points, least, out, scratch, counts } = self;
+        let prepared = &tracer.prepared;
+        let WaveScratch { rays, next, left, interactions, shadows, packet, walk, kinds, radiance, trails, query } =
+            scratch;
+        let n = points.len();
         for sum in radiance.iter_mut() {
             sum[..n].fill(0.0);
         }
         let mut paths = Paths {
-            tracer: self.tracer,
-            points: self.points,
+            tracer,
+            points,
             radiance,
-            mirrors,
-            shadows: shadow_counts,
             counts: RayCounts { camera: n as u64, ..RayCounts::default() },
             trails,
-            query: &mut path.query,
+            far: Vec::new(),
+            query,
             refiners: Vec::new(),
             refined_interactions: Vec::new(),
             step: 0,
-            least: self.least,
+            least,
         };
         shadows.forget(prepared.local.lights.len());
-        let stage = Stage { tracer: self.tracer, filter, bvh };
-        stage.camera::<S>(self.points, rays);
-        for depth in 1..=max_depth.min(STEPS) {
-            if rays.count == 0 || self.tracer.is_unwanted() {
+        let stage = Stage::new(tracer);
+        let max_depth = tracer.settings.max_depth;
+        stage.camera::<S>(points, rays);
+        let (mut steps, mut waiting) = (0..max_depth.min(STEPS), 0..0);
+        // One place that steps paths, whether all of them or a few: compiled once.
+        loop {
+            for step in steps {
+                if rays.count == 0 || tracer.is_unwanted() {
+                    break;
+                }
+                paths.step = step as usize;
+                paths.refined_interactions.clear();
+                stage.closest::<S>(rays, interactions, packet, walk, &mut paths);
+                stage.interactions::<S>(rays, interactions, kinds, &mut paths);
+                stage.light::<S>(rays, interactions, shadows, packet, walk, &mut paths);
+                stage.gather::<S>(rays, interactions, &mut paths);
+                next.count = 0;
+                if tracer.mirrors && step + 1 < max_depth {
+                    stage.reflect::<S>(rays, interactions, next, &mut paths);
+                }
+                std::mem::swap(rays, next);
+            }
+            if waiting.end == 0 && max_depth > STEPS {
+                std::mem::swap(rays, left);
+                waiting = 0..left.count;
+            }
+            if waiting.is_empty() {
                 break;
             }
-            paths.step = depth as usize - 1;
-            paths.refined_interactions.clear();
-            stage.closest::<S>(rays, interactions, packet, walk, &mut paths);
-            stage.interactions::<S>(rays, interactions, kinds, &mut paths);
-            stage.light::<S>(rays, interactions, shadows, packet, walk, &mut paths);
-            stage.gather::<S>(rays, interactions, &mut paths);
-            next.count = 0;
-            if self.tracer.mirrors && depth < max_depth {
-                stage.reflect::<S>(rays, interactions, next, &mut paths);
-            }
-            std::mem::swap(rays, next);
+            let few = waiting.start..waiting.end.min(waiting.start + LANES);
+            paths.go_far(&left.path[few.clone()]);
+            left.take(few.clone(), rays);
+            waiting.start = few.end;
+            steps = STEPS..max_depth;
         }
-        let unresolved = paths.unresolved();
-        paths.counts.unresolved = unresolved.iter().filter(|u| **u).count() as u64;
-        *self.counts += paths.counts;
-        for (k, out) in self.out.iter_mut().enumerate() {
+        paths.counts.unresolved = paths.unresolved();
+        *counts += paths.counts;
+        for (k, out) in out.iter_mut().enumerate() {
             out.radiance = DVec3::new(paths.radiance[0][k], paths.radiance[1][k], paths.radiance[2][k]);
-        }
-        if self.tracer.is_unwanted() {
-            return;
-        }
-        // Rays are left only where a wave keeps fewer steps than the paths may have.
-        for &k in &rays.path[..rays.count] {
-            let k = k as usize;
-            self.counts.camera -= 1;
-            self.counts.unresolved -= u64::from(unresolved.get(k).is_some_and(|u| *u));
-            self.counts.mirror -= u64::from(mirrors[k]);
-            self.counts.shadow -= u64::from(shadow_counts[k]);
-            self.out[k] = self.tracer.sample(self.points[k], self.least, path, self.counts);
-        }
-    }
-
-    fn run_scalar(self) {
-        for (p, out) in self.points.iter().zip(self.out) {
-            *out = self.tracer.sample(*p, self.least, &mut self.scratch.path, self.counts);
         }
     }
 }
 
 struct Stage<'a> {
     tracer: &'a Tracer,
-    filter: &'a Filter,
-    bvh: &'a Bvh<f32>,
+    /// What packets walk through, where f32 holds the scene.
+    packets: Option<(&'a Filter, &'a Bvh<f32>)>,
+    /// How far its objects reach.
+    reach: f32,
+    /// Rays that start farther out are left to f64: without packets, all.
+    far: f32,
+}
+
+impl<'a> Stage<'a> {
+    fn new(tracer: &'a Tracer) -> Self {
+        let packets = tracer.packets();
+        let [reach, far] = packets.map_or([0.0; 2], |(filter, _)| [filter.reach, FAR]);
+        Self { tracer, packets, reach, far }
+    }
 }

@@ -10,6 +10,7 @@ use crate::scene::Pigment;
 use crate::shapes::{Decision, INSIDE, NONE, ObjectId, TAKEN};
 use crate::traverse::{Closest, Occluded, Scratch};
 
+use super::STEPS;
 use super::lanes::{Column, Rays, SurfaceInteractions};
 
 /// The paths of one wave.
@@ -18,13 +19,12 @@ pub(super) struct Paths<'a> {
     pub(super) points: &'a [PlanePoint],
     /// The light each path has gathered.
     pub(super) radiance: &'a mut [Column<f64>; 3],
-    /// Rays of each path so far; empty where no path outgrows a wave.
-    pub(super) mirrors: &'a mut [u32],
-    pub(super) shadows: &'a mut [u32],
     /// Rays of all of them.
     pub(super) counts: RayCounts,
-    /// Per step, what each path met.
+    /// What each path met, per step; of the first steps alone.
     pub(super) trails: &'a mut Vec<Column<u32>>,
+    /// The few paths that are followed farther, and what each has met so far.
+    pub(super) far: Vec<(u32, Vec<Decision>)>,
     pub(super) query: &'a mut Scratch,
     /// Wide arithmetic of the paths that needed it; empty until one does.
     pub(super) refiners: Vec<Option<Box<Refiner>>>,
@@ -42,28 +42,6 @@ impl Paths<'_> {
     pub(super) fn shine(&mut self, path: usize, light: DVec3) {
         for (sum, x) in self.radiance.iter_mut().zip(light.to_array()) {
             sum[path] += x;
-        }
-    }
-
-    /// Counts shadow rays from the places `at`.
-    #[inline(always)]
-    pub(super) fn count_shadows(&mut self, rays: &Rays, at: &[u32]) {
-        self.counts.shadow += at.len() as u64;
-        if !self.shadows.is_empty() {
-            for &i in at {
-                self.shadows[rays.path[i as usize] as usize] += 1;
-            }
-        }
-    }
-
-    /// Counts mirrored rays.
-    #[inline(always)]
-    pub(super) fn count_mirrors(&mut self, next: &Rays) {
-        self.counts.mirror += next.count as u64;
-        if !self.mirrors.is_empty() {
-            for &path in &next.path[..next.count] {
-                self.mirrors[path as usize] += 1;
-            }
         }
     }
 
@@ -104,20 +82,55 @@ impl Paths<'_> {
         }
     }
 
+    /// Notes what `path` met in this step.
+    #[inline(always)]
+    pub(super) fn note(&mut self, path: u32, met: u32) {
+        if self.step < STEPS as usize {
+            self.trails[self.step][path as usize] = met;
+        } else {
+            self.note_far(path, met);
+        }
+    }
+
+    #[inline(never)]
+    fn note_far(&mut self, path: u32, met: u32) {
+        let trail = self.far.iter_mut().find(|(of, _)| *of == path);
+        if let (Some((_, trail)), Some(met)) = (trail, Decision::of(met)) {
+            trail.push(met);
+        }
+    }
+
+    /// What `path` met in the first steps.
+    fn met(&self, path: usize, steps: usize) -> Vec<Decision> {
+        self.trails[..steps].iter().filter_map(|met| Decision::of(met[path])).collect()
+    }
+
+    /// From now on, some paths go beyond the first steps.
+    pub(super) fn go_far(&mut self, some: &[u32]) {
+        self.far = some.iter().map(|&path| (path, self.met(path as usize, STEPS as usize))).collect();
+    }
+
     /// Puts a question about `path` to its refiner, with what that path met before this step.
     fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Refiner, &Case<'_>) -> A) -> A {
         self.counts.refined += 1;
         if self.refiners.is_empty() {
             self.refiners.resize_with(self.points.len(), || None);
         }
-        let trail: Vec<_> = self.trails[..self.step].iter().filter_map(|met| Decision::of(met[path])).collect();
-        let case = Case { tracer: self.tracer, point: self.points[path], trail: &trail };
+        let near;
+        let trail = match self.far.iter().find(|(of, _)| *of as usize == path) {
+            Some((_, trail)) => trail,
+            None => {
+                near = self.met(path, self.step);
+                &near
+            }
+        };
+        let case = Case { tracer: self.tracer, point: self.points[path], trail };
         question(self.refiners[path].get_or_insert_default(), &case)
     }
 
-    /// Of which paths something stayed open in the widest numbers; empty where none was asked about.
-    pub(super) fn unresolved(&self) -> Vec<bool> {
-        self.refiners.iter().map(|c| c.as_ref().is_some_and(|c| c.unresolved())).collect()
+    /// Of how many paths something stayed open in the widest numbers.
+    pub(super) fn unresolved(&self) -> u64 {
+        self.refiners.iter().flatten().filter(|r| r.unresolved()).count() as u64
     }
 
     /// Decides what ray `i` meets: in f64 among `candidates`, or all objects, and if need be beyond.

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::lanes::{Eight, Rays, SurfaceInteractions, eight_at_mut, load};
 use super::paths::Paths;
-use super::{Kinds, Stage};
+use super::{Kinds, STEPS, Stage};
 use crate::integrate::Refinement;
 use crate::integrate::shade;
 use crate::integrate::texels::TEXEL;
@@ -158,9 +158,8 @@ impl Stage<'_> {
         next: &mut Rays,
         paths: &mut Paths,
     ) {
-        let step = paths.step;
         next.count = 0;
-        if paths.trails.len() <= step {
+        if paths.step < STEPS as usize && paths.trails.len() <= paths.step {
             paths.trails.push(super::lanes::column(NONE));
         }
         for at in (0..rays.count).step_by(8) {
@@ -198,10 +197,10 @@ impl Stage<'_> {
             *eight_at_mut(&mut next.path, to) = S::compress(super::lanes::eight_at(&rays.path, at), goes_on);
             let more = goes_on.count_ones() as usize;
             for k in to..to + more {
-                paths.trails[step][next.path[k] as usize] = next.own[k];
+                paths.note(next.path[k], next.own[k]);
             }
             next.count += more;
         }
-        paths.count_mirrors(next);
+        paths.counts.mirror += next.count as u64;
     }
 }

@@ -6,7 +6,6 @@ use glam::DVec3;
 use proptest::prelude::*;
 
 use super::{Stage, WaveScratch};
-use crate::bvh::Boxes;
 use crate::exact::closest_hit;
 use crate::integrate::Tracer;
 use crate::numeric::V3;
@@ -54,11 +53,10 @@ impl Kernel for Walked<'_> {
     type Output = Said;
     #[inline(always)]
     fn run<S: Simd>(self) -> Said {
-        let prepared = &self.tracer.prepared;
-        let (Some(filter), Boxes::F32(bvh)) = (&prepared.filter, &prepared.boxes) else {
-            return self.run_scalar();
-        };
-        let stage = Stage { tracer: self.tracer, filter, bvh };
+        let stage = Stage::new(self.tracer);
+        if stage.packets.is_none() {
+            return vec![None; self.rays.len()];
+        }
         let mut scratch = WaveScratch::default();
         let WaveScratch { rays, packet, walk, .. } = &mut scratch;
         let n = self.rays.len();
@@ -79,9 +77,6 @@ impl Kernel for Walked<'_> {
             }
         }
         said
-    }
-    fn run_scalar(self) -> Said {
-        vec![None; self.rays.len()]
     }
 }
 

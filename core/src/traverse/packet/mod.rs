@@ -73,6 +73,12 @@ pub(crate) struct Walk {
 }
 
 impl Walk {
+    /// Has found nothing.
+    pub(crate) fn forget(&mut self) {
+        self.doubts.clear();
+        self.best = [NONE; LANES];
+    }
+
     /// Lanes of `all` that are not settled: those that f32 cannot follow, and those in doubt.
     pub(crate) fn open(&self, all: Mask, near: Mask) -> Mask {
         self.doubts.iter().fold(all & !near, |open, d| open | 1 << d.lane)

@@ -1,12 +1,10 @@
 //! What elements mean: the camera, lights, surfaces and objects.
 
-use glam::DVec3;
 use roxmltree::Node;
 
 use super::{Checker, Eye, Fitted};
-use crate::numeric::predicates::{parallel, parallel_to_view};
 use crate::numeric::zero_area;
-use crate::scene::{Orientation, PlanePosition};
+use crate::scene::{Invalid, Orientation, PlanePosition, rules};
 use crate::xml::diagnostic::Code;
 use crate::xml::grammar;
 use crate::xml::part::{Finish, Object, Paint, Plane, Sphere, Triangle};
@@ -20,21 +18,19 @@ impl Checker<'_, '_> {
         let sky = self.direction(sky, "sky");
         let look_at = self.vector(look_at, "look_at");
         let ((location, _), (look_at, look_at_tag)) = (location?, look_at?);
-        if location == look_at {
-            self.find(Code::CameraView, look_at_tag, |f| {
+        // Of a sky that is missing or zero, enough is said.
+        let (up, sky_tag) = sky.clone().unwrap_or_default();
+        match rules::view(location, up, look_at) {
+            Err(Invalid::NoView) => self.find(Code::CameraView, look_at_tag, |f| {
                 f.say("`look_at` equals `location`").expected("a point other than the camera's own place")
-            });
-            return None;
-        }
-        let (sky, sky_tag) = sky?;
-        if parallel_to_view(location, look_at, sky) {
-            self.find(Code::CameraSky, sky_tag, |f| {
+            }),
+            Err(Invalid::SkyParallel) => self.find(Code::CameraSky, sky_tag, |f| {
                 f.say("`sky` is parallel to the view direction")
                     .expected("a `sky` that points away from the line of sight")
-            });
-            return None;
+            }),
+            _ => return sky.map(|(sky, _)| Eye { location, sky, look_at }),
         }
-        Some(Eye { location, sky, look_at })
+        None
     }
 
     // -- objects -----------------------------------------------------------------
@@ -156,14 +152,14 @@ impl Checker<'_, '_> {
             self.fit(node, "sphere", &grammar::SPHERE);
         let radius = attributes[0].and_then(|a| {
             let value = self.number(a, "radius")?;
-            if value > 0.0 {
-                return Some(value);
+            if rules::radius(value).is_err() {
+                let at = self.value_range(&a);
+                self.find(Code::Radius, at, |f| {
+                    f.say(format!("radius {} is not above 0", shown(a.value().trim()))).expected("a number above 0")
+                });
+                return None;
             }
-            let at = self.value_range(&a);
-            self.find(Code::Radius, at, |f| {
-                f.say(format!("radius {} is not above 0", shown(a.value().trim()))).expected("a number above 0")
-            });
-            None
+            Some(value)
         });
         let center = self.vector(location, "location");
         let orientation = self.orientation(pole, equator);
@@ -186,34 +182,16 @@ impl Checker<'_, '_> {
         let (has_pole, has_equator) = (pole.is_some(), equator.is_some());
         let pole = self.direction(pole, "pole");
         let equator = self.direction(equator, "equator");
-        let (pole, equator) = match (has_pole, has_equator) {
-            (false, false) => return Some(None),
-            (true, false) => {
-                let (pole, _) = pole?;
-                (pole, orientation_default(pole, DVec3::X))
-            }
-            (false, true) => {
-                let (equator, _) = equator?;
-                (orientation_default(equator, DVec3::Y), equator)
-            }
-            (true, true) => {
-                let ((pole, _), (equator, tag)) = (pole?, equator?);
-                if parallel(pole, equator) {
-                    self.find(Code::Orientation, tag, |f| {
-                        f.say("`pole` and `equator` are parallel")
-                            .expected("an `equator` in another direction than `pole`")
-                    });
-                    return None;
-                }
-                (pole, equator)
-            }
-        };
-        Some(Some(Orientation { pole, equator }))
+        if has_pole && pole.is_none() || has_equator && equator.is_none() {
+            return None;
+        }
+        let tag = equator.clone().unwrap_or_default().1;
+        let orientation = rules::orientation(pole.map(|(v, _)| v), equator.map(|(v, _)| v));
+        if orientation.is_err() {
+            self.find(Code::Orientation, tag, |f| {
+                f.say("`pole` and `equator` are parallel").expected("an `equator` in another direction than `pole`")
+            });
+        }
+        orientation.ok()
     }
-}
-
-/// What goes with a given pole or equator where the other is absent: `default`, or +z
-/// where the two would be parallel.
-pub(in crate::xml) fn orientation_default(given: DVec3, default: DVec3) -> DVec3 {
-    if parallel(given, default) { DVec3::Z } else { default }
 }
