@@ -1,6 +1,7 @@
 //! Hands the tiles of a picture to workers and stitches what they return.
 
 pub mod access;
+mod columns;
 mod config;
 mod control;
 mod error;
@@ -20,6 +21,7 @@ mod scheduler;
 pub mod simulation;
 pub mod web;
 
+pub use columns::columns;
 pub use config::{ListenAddr, Patience, TileSize, Timing};
 pub use error::RenderError;
 pub use farm::{Farm, Strangers, render};

@@ -17,6 +17,7 @@ mod render;
 mod renderer;
 mod session;
 pub mod spans;
+mod time;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -34,6 +35,7 @@ pub use memory::{Bytes, default_limit};
 pub use render::encode_tile;
 pub use renderer::{Exact, RendererFactory, TileTracer};
 pub use session::{Credentials, dial};
+pub use time::duration;
 
 use cache::SceneCache;
 use session::{Outcome, Session};

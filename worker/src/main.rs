@@ -86,15 +86,15 @@ struct Args {
     once: bool,
 
     /// Leave when there has been no coordinator for so long: 90s, 10m, 2h. [default: never]
-    #[arg(long, value_name = "D", value_parser = duration)]
+    #[arg(long, value_name = "D", value_parser = worker::duration)]
     give_up_after: Option<Duration>,
 
     /// Leave after so long, in order: the tile at work is finished, the others are returned. [default: never]
-    #[arg(long, value_name = "D", value_parser = duration)]
+    #[arg(long, value_name = "D", value_parser = worker::duration)]
     lifetime: Option<Duration>,
 
     /// Leave up to so much earlier than --lifetime says, by chance, so that not all workers leave at once.
-    #[arg(long, value_name = "D", value_parser = duration, requires = "lifetime")]
+    #[arg(long, value_name = "D", value_parser = worker::duration, requires = "lifetime")]
     lifetime_stagger: Option<Duration>,
 
     /// Send spans of what is rendered to an OpenTelemetry collector, as OTLP over gRPC: http://HOST[:PORT], port 4317 where none is given.
@@ -135,33 +135,6 @@ fn main() -> ExitCode {
             log::say(&format!("worker: {e}"));
             ExitCode::from(if matches!(e, MainError::Access(_)) { 2 } else { 1 })
         }
-    }
-}
-
-/// A time of at least a millisecond and at most ten years: numbers with units, added up; seconds without one.
-fn duration(text: &str) -> Result<Duration, String> {
-    let wrong = || "expected a time, such as 90s, 1.5m, 1h30m or 500ms".to_owned();
-    let (mut rest, mut seconds) = (text.trim(), 0.0);
-    while !rest.is_empty() {
-        let digits = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
-        let number: f64 = rest[..digits].parse().map_err(|_| wrong())?;
-        rest = &rest[digits..];
-        let letters = rest.find(|c: char| !c.is_ascii_alphabetic()).unwrap_or(rest.len());
-        let unit = match &rest[..letters] {
-            "ms" => 1e-3,
-            "" | "s" => 1.0,
-            "m" | "min" => 60.0,
-            "h" => 3600.0,
-            "d" => 86_400.0,
-            _ => return Err(wrong()),
-        };
-        seconds += number * unit;
-        rest = &rest[letters..];
-    }
-    if (1e-3..=3653.0 * 86_400.0).contains(&seconds) {
-        Ok(Duration::from_secs_f64(seconds))
-    } else {
-        Err("a time is between a millisecond and ten years".into())
     }
 }
 
@@ -280,15 +253,5 @@ mod tests {
         assert_eq!(parsed(&["--connect", "5015"]).unwrap().connect.unwrap().to_string(), "localhost:5015");
         assert!(parsed(&[]).is_err() && parsed(&["a", "--connect", "b"]).is_err());
         assert!(parsed(&["a", "--lifetime-stagger", "5m"]).is_err());
-    }
-
-    #[test]
-    fn times_have_units() {
-        for (text, seconds) in [("90s", 90.0), ("1.5m", 90.0), ("1h30m", 5400.0), ("250ms", 0.25), ("2", 2.0)] {
-            assert_eq!(duration(text).unwrap().as_secs_f64(), seconds, "{text}");
-        }
-        for bad in ["", "0", "-1s", "s", "1..5s", "NaN", "9999999d"] {
-            assert!(duration(bad).is_err(), "{bad}");
-        }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use coordinator::columns;
 use coordinator::web::worker_json;
 use coordinator::{is_final, state_name};
 use serde_json::{Value, json};
@@ -88,20 +89,6 @@ pub(super) fn verdict(job: &Job) -> Result<(), Failure> {
     }
 }
 
-/// Rows as columns, each as wide as it has to be; the last is not padded.
-fn columns(rows: &[Vec<String>]) -> String {
-    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |n: usize| rows.iter().filter_map(|r| r.get(n)).map(|t| t.chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..count).map(width).collect();
-    let mut text = String::new();
-    for row in rows {
-        let padded = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:width$}"));
-        text += padded.collect::<Vec<_>>().join("  ").trim_end();
-        text.push('\n');
-    }
-    text
-}
-
 fn table(jobs: &[Job]) -> String {
     let head = ["ID", "STATE", "DONE", "OWNER", "PRIORITY", "SIZE", "NAME"].map(String::from).to_vec();
     let rows = jobs.iter().map(|job| {
@@ -125,7 +112,7 @@ fn table(jobs: &[Job]) -> String {
         let (id, state) = (job.id.to_string(), state_name(job.state()).to_owned());
         vec![id, state, share, printable(&spec.owner), spec.priority.to_string(), size, name]
     });
-    columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
+    columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>(), &[])
 }
 
 fn worker_table(workers: &[Worker]) -> String {
@@ -141,7 +128,7 @@ fn worker_table(workers: &[Worker]) -> String {
         let [tiles, lost] = counts;
         vec![printable(&w.name), printable(&w.address), w.threads.to_string(), job, tiles, lost, speed]
     });
-    columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
+    columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>(), &[])
 }
 
 fn mega_rays(w: &Worker) -> f64 {

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::knob::Method;
 use super::point::{Measured, Point, Skipped};
 use super::reference::{Reference, Source};
+use crate::columns::columns;
 
 /// Names of columns, with their alignment: texts to the left, numbers to the right.
 const COLUMNS: [(&str, bool); 9] = [
@@ -53,26 +54,16 @@ impl Measured {
     fn rows(&self, text: &mut String) {
         let pixels = f64::from(self.settings.view.width()) * f64::from(self.settings.view.height());
         let recommended = self.recommendation.as_ref().map(|r| r.point);
-        let mut rows: Vec<[String; 9]> = vec![COLUMNS.map(|(name, _)| name.into())];
-        rows.extend(self.points.iter().enumerate().map(|(i, p)| self.cells(p, pixels, recommended == Some(i))));
-        let widths: [usize; 9] =
-            std::array::from_fn(|c| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or_default());
-        let mut before: Option<Method> = None;
-        for (i, row) in rows.iter().enumerate() {
+        let mut rows = vec![COLUMNS.map(|(name, _)| name.to_owned()).to_vec()];
+        for (i, p) in self.points.iter().enumerate() {
             // A line between methods keeps them apart.
-            let method = i.checked_sub(1).and_then(|k| self.points.get(k)).map(|p| p.method);
-            if i > 1 && method != before {
-                text.push('\n');
+            if i > 0 && self.points[i - 1].method != p.method {
+                rows.push(Vec::new());
             }
-            before = method;
-            let line: Vec<String> = (0..9)
-                .map(|c| {
-                    let width = widths[c];
-                    if COLUMNS[c].1 { format!("{:<width$}", row[c]) } else { format!("{:>width$}", row[c]) }
-                })
-                .collect();
-            let _ = writeln!(text, "{}", line.join("  ").trim_end());
+            rows.push(self.cells(p, pixels, recommended == Some(i)).to_vec());
         }
+        let right: Vec<usize> = (0..COLUMNS.len()).filter(|c| !COLUMNS[*c].1).collect();
+        text.push_str(&columns(&rows, &right));
     }
 
     fn cells(&self, p: &Point, pixels: f64, recommended: bool) -> [String; 9] {

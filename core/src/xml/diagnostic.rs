@@ -3,6 +3,8 @@
 use std::fmt;
 use std::ops::Range;
 
+use unicode_width::UnicodeWidthStr;
+
 /// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Severity {
@@ -216,8 +218,11 @@ impl Diagnostic {
         let pad = number.len();
         let _ = write!(out, "\n{:pad$}--> {}:{}:{}", "", self.file, place.line, place.column);
         let _ = write!(out, "\n{:pad$} |\n{number} | {}", "", place.source_line);
-        let marks = "^".repeat(place.marked.len().max(1));
-        let _ = write!(out, "\n{:pad$} | {:start$}{}", "", "", tint(&marks), start = place.marked.start);
+        // As wide as a terminal shows what is marked, and what is before it.
+        let width =
+            |at: Range<usize>| place.source_line.chars().skip(at.start).take(at.len()).collect::<String>().width();
+        let (start, marks) = (width(0..place.marked.start), "^".repeat(width(place.marked.clone()).max(1)));
+        let _ = write!(out, "\n{:pad$} | {:start$}{}", "", "", tint(&marks));
         self.notes(&mut out, pad);
         out
     }

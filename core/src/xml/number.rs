@@ -1,10 +1,8 @@
 //! Decimal floating point as XML authors write it, read as the nearest f64.
 //!
 //! The grammar is `[+-]? (digits [. digits?]? | . digits) ([eE] [+-]? digits)?`,
-//! which shuts out the `inf`, `nan` and `infinity` that Rust's own parser takes.
-//! Numbers of at most 19 digits whose value is a whole number below 2⁵³ times a
-//! small power of ten need one correctly rounded operation (Clinger, "How to read
-//! floating point numbers accurately", 1990, the fast path); the rest go to `std`.
+//! which shuts out the `inf` and `nan` that `fast-float2` takes, and the exponent
+//! without digits that it leaves unread.
 
 /// A number at the beginning of a byte string.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,75 +15,21 @@ pub(super) struct Scanned {
     pub nonzero: bool,
 }
 
-const POWERS: [f64; 23] = [
-    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
-    1e21, 1e22,
-];
-
 /// Reads the number that `bytes` begins with, if it begins with one.
 #[inline]
 pub(super) fn scan(bytes: &[u8]) -> Option<Scanned> {
-    let mut at = 0;
-    let negative = match bytes.first()? {
-        b'-' => {
-            at = 1;
-            true
-        }
-        b'+' => {
-            at = 1;
-            false
-        }
-        _ => false,
-    };
-    let mut mantissa = 0u64;
-    let begin = at;
-    while let Some(digit) = bytes.get(at).map(|b| b.wrapping_sub(b'0')).filter(|d| *d <= 9) {
-        mantissa = mantissa.wrapping_mul(10).wrapping_add(digit.into());
-        at += 1;
-    }
-    let mut digits = at - begin;
-    let mut exponent = 0i64;
-    if bytes.get(at) == Some(&b'.') {
-        at += 1;
-        let fraction = at;
-        while let Some(digit) = bytes.get(at).map(|b| b.wrapping_sub(b'0')).filter(|d| *d <= 9) {
-            mantissa = mantissa.wrapping_mul(10).wrapping_add(digit.into());
-            at += 1;
-        }
-        digits += at - fraction;
-        exponent = -i64::try_from(at - fraction).ok()?;
-    }
-    if digits == 0 {
+    let signed = matches!(bytes.first()?, b'+' | b'-');
+    // Digits alone: no infinity, no NaN.
+    if !matches!(bytes.get(usize::from(signed))?, b'0'..=b'9' | b'.') {
         return None;
     }
-    let mantissa_end = at;
-    if matches!(bytes.get(at), Some(b'e' | b'E')) {
-        at += 1;
-        let minus = bytes.get(at) == Some(&b'-');
-        if matches!(bytes.get(at), Some(b'-' | b'+')) {
-            at += 1;
-        }
-        let first = at;
-        let mut written = 0i64;
-        while let Some(digit) = bytes.get(at).map(|b| b.wrapping_sub(b'0')).filter(|d| *d <= 9) {
-            written = written.saturating_mul(10).saturating_add(digit.into());
-            at += 1;
-        }
-        if at == first {
-            return None;
-        }
-        exponent = exponent.saturating_add(if minus { -written } else { written });
+    let (value, len) = fast_float2::parse_partial::<f64, _>(bytes).ok()?;
+    let exponent = |b: &u8| matches!(b, b'e' | b'E');
+    if bytes.get(len).is_some_and(exponent) && !bytes[..len].iter().any(exponent) {
+        return None;
     }
-    if digits <= 19 && mantissa < 1 << 53 && (-22..=22).contains(&exponent) {
-        #[expect(clippy::cast_precision_loss, reason = "below 2^53, so exact")]
-        let whole = mantissa as f64;
-        let power = POWERS[exponent.unsigned_abs() as usize];
-        let value = if exponent < 0 { whole / power } else { whole * power };
-        return Some(Scanned { value: if negative { -value } else { value }, len: at, nonzero: mantissa != 0 });
-    }
-    let value = std::str::from_utf8(&bytes[..at]).ok()?.parse().ok()?;
-    let nonzero = bytes[begin..mantissa_end].iter().any(|b| (b'1'..=b'9').contains(b));
-    Some(Scanned { value, len: at, nonzero })
+    let nonzero = value != 0.0 || bytes[..len].iter().take_while(|b| !exponent(b)).any(|b| (b'1'..=b'9').contains(b));
+    Some(Scanned { value, len, nonzero })
 }
 
 /// Why a text is not a number.

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::PoisonError;
 
 use tessera_proto::SessionId;
+use tessera_proto::token::{NoRandomness, random};
 use tessera_proto::wire::coordinator_message::Kind;
 use tessera_proto::wire::{CoordinatorMessage, Welcome};
 use tokio::time::Instant;
@@ -40,7 +41,14 @@ impl Dispatcher {
         }
         let worker = WorkerKey(self.next_worker);
         self.next_worker += 1;
-        let session_id = SessionId(fastrand::u64(..));
+        // Whoever names a session speaks for it: not to be guessed.
+        let session_id = match random() {
+            Ok(bytes) => SessionId(u64::from_be_bytes(bytes)),
+            Err(e @ NoRandomness) => {
+                let _ = reply.send(Err(Status::internal(e.to_string())));
+                return;
+            }
+        };
         let threads = registration.threads;
         // Names like those of this process' own are theirs alone.
         let name = registration.name;

@@ -3,19 +3,21 @@
 
 use std::sync::OnceLock;
 
-use ttf_parser::{Face, GlyphId, OutlineBuilder};
+use skrifa::instance::{LocationRef, Size};
+use skrifa::outline::{DrawSettings, OutlinePen};
+use skrifa::{FontRef, GlyphId, MetadataProvider};
 
 static REGULAR: &[u8] = include_bytes!("../../../fonts/Roboto-Regular.ttf");
 static MEDIUM: &[u8] = include_bytes!("../../../fonts/Roboto-Medium.ttf");
 
 /// A face of the family.
-pub(super) struct Font(Option<Face<'static>>);
+pub(super) struct Font(Option<FontRef<'static>>);
 
 impl Font {
     /// The regular or the medium face.
     pub(super) fn get(medium: bool) -> &'static Self {
         static FACES: OnceLock<[Font; 2]> = OnceLock::new();
-        let faces = FACES.get_or_init(|| [REGULAR, MEDIUM].map(|bytes| Font(Face::parse(bytes, 0).ok())));
+        let faces = FACES.get_or_init(|| [REGULAR, MEDIUM].map(|bytes| Font(FontRef::new(bytes).ok())));
         &faces[usize::from(medium)]
     }
 
@@ -27,23 +29,35 @@ impl Font {
     /// Every letter with its left end, from 0 on, and its advance. A letter that the face does not have is
     /// its empty box.
     fn glyphs(&self, text: &str, size: f64) -> impl Iterator<Item = (GlyphId, f64, f64)> {
+        let face = self.0.as_ref().map(|f| (f.charmap(), f.glyph_metrics(Size::unscaled(), LocationRef::default())));
+        let scale = size * self.per_unit();
         let mut x = 0.0;
         text.chars().filter_map(move |c| {
-            let face = self.0.as_ref()?;
-            let glyph = face.glyph_index(c).unwrap_or(GlyphId(0));
-            let advance = f64::from(face.glyph_hor_advance(glyph)?) * size / f64::from(face.units_per_em());
+            let (letters, metrics) = face.as_ref()?;
+            let glyph = letters.map(c).unwrap_or(GlyphId::NOTDEF);
+            let advance = f64::from(metrics.advance_width(glyph)?) * scale;
             let at = x;
             x += advance;
             Some((glyph, at, advance))
         })
     }
 
+    /// A unit of the face's, as a share of its letters' size.
+    fn per_unit(&self) -> f64 {
+        let metrics = self.0.as_ref().map(|f| f.metrics(Size::unscaled(), LocationRef::default()));
+        metrics.map_or(0.0, |m| 1.0 / f64::from(m.units_per_em))
+    }
+
     /// The outline of `text`, its base line's left end at the origin, y downward.
     pub(super) fn outline(&self, text: &str, size: f64, to: &mut tiny_skia::PathBuilder) {
         let Some(face) = &self.0 else { return };
-        let scale = size / f64::from(face.units_per_em());
+        let (outlines, scale) = (face.outline_glyphs(), size * self.per_unit());
         for (glyph, x, _) in self.glyphs(text, size) {
-            face.outline_glyph(glyph, &mut Pen { to, x, scale });
+            if let Some(outline) = outlines.get(glyph) {
+                // A letter that is broken is left as far as it goes: the faces are the program's own.
+                let _ = outline
+                    .draw(DrawSettings::unhinted(Size::unscaled(), LocationRef::default()), &mut Pen { to, x, scale });
+            }
         }
     }
 }
@@ -61,7 +75,7 @@ impl Pen<'_> {
     }
 }
 
-impl OutlineBuilder for Pen<'_> {
+impl OutlinePen for Pen<'_> {
     fn move_to(&mut self, x: f32, y: f32) {
         let (x, y) = self.place(x, y);
         self.to.move_to(x, y);
@@ -96,7 +110,7 @@ mod tests {
         for medium in [false, true] {
             let face = Font::get(medium).0.as_ref().expect("the embedded font is one");
             for c in "RMSE 0123456789.,:;%/×–≤≥≈-+*()' äöüßéñ".chars() {
-                assert!(face.glyph_index(c).is_some(), "'{c}'");
+                assert!(face.charmap().map(c).is_some(), "'{c}'");
             }
         }
     }
