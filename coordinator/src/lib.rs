@@ -17,6 +17,11 @@ pub mod povray;
 mod progress;
 mod queue;
 mod scheduler;
+/// What the plan assumes, for whoever measures it anew.
+#[doc(hidden)]
+pub mod plan_model {
+    pub use crate::plan::{MODEL, Model};
+}
 #[doc(hidden)]
 pub mod simulation;
 pub mod web;

@@ -9,6 +9,7 @@ pub mod callgrind;
 pub mod cluster;
 pub mod compare;
 pub mod costs;
+pub mod edges;
 #[cfg(unix)]
 pub mod engine;
 pub mod exact;

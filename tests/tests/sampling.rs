@@ -10,6 +10,7 @@ use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, Transfer, View};
 use tessera_core::simd::Level;
 use tessera_core::trace::{PreparedScene, RayCounts, Tracer};
+use tessera_tests::edges::{self, Seen};
 use tessera_tests::generate::{self, Document, Look, fine};
 use tessera_tests::truth::whole;
 
@@ -99,6 +100,22 @@ fn discs_and_polygons_cover_what_geometry_says() {
     let area = 0.5 * twice.abs() * f64::from(size.1 * size.1);
     let got = covered(&white().triangle(corners.map(|(x, y)| at(x, y)), black));
     assert!((got - area).abs() < 0.02 * (1.0 + area.sqrt()), "{got} pixels, not {area}");
+}
+
+/// What decides how many points a pixel is worth is what pixels on edges show: over those of 120 lines, κ is known to two
+/// hundredths or so.
+#[test]
+fn means_on_edges_err_as_the_model_says() {
+    const POINTS: [u32; 2] = [16, 64];
+    let (model, seen) = (Tolerance::MODEL, edges::measure(1000..1120, &POINTS));
+    let [few, many] = [0, 1].map(|k| seen.iter().map(|edge| edge[k]).collect::<Vec<Seen>>());
+    for (seen, points) in [(&few, 16), (&many, 64)] {
+        let kappa = edges::kappa(seen, points);
+        assert!((kappa / model.edge - 1.0).abs() < 0.08, "κ is {kappa} by {points} points, not {}", model.edge);
+    }
+    let variance = few.iter().map(|s| s.variance).sum::<f64>() / few.iter().map(|s| s.pixels).sum::<f64>();
+    let typical = model.edge * variance;
+    assert!((typical / model.typical - 1.0).abs() < 0.1, "a typical edge's κ is {typical}, not {}", model.typical);
 }
 
 fn scenes() -> Vec<Document> {

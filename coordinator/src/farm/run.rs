@@ -100,6 +100,7 @@ fn scheduler_of(number: JobNumber, job: &RenderJob, hired: usize) -> Scheduler {
         suspect_after: job.timing.suspect_after,
         dead_after: job.timing.dead_after,
         prepare_within: job.timing.prepare_within,
+        model: scheduler::MODEL,
     });
     scheduler.number_leases(number);
     scheduler

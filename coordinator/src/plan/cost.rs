@@ -8,33 +8,12 @@ use std::time::Duration;
 use tessera_core::film::ErrorEstimate;
 use tessera_core::settings::{AuditRate, Tolerance};
 
-/// Points that pixels begin with: four, or one where that is proven to be enough.
-const FIRST: f64 = 2.0;
-/// κ of the edge whose error the tolerance states: its mean over n points errs by κ·n^-1.5 (mean square).
-const TYPICAL: f64 = 0.1;
-/// A picture of at most so many pixels is audited as a whole.
-pub(super) const SMALL: u64 = 3000;
-/// Pixels audited where a picture has many.
-const AUDITED: f64 = 3000.0;
-/// And those of smaller ones, which may cost more than their share.
-const AUDITED_AT_LEAST: f64 = 500.0;
-/// An audit costs about 1.3 times its rate, as a share of the picture's points: two sets of as many points each, of
-/// pixels with more points than most.
-const MOST_RATE: f64 = 0.04;
-/// Of the pixels that a rate of 1 would draw, where nothing is known yet: this share of all.
-const DRAWN: f64 = 0.3;
-/// The error of a picture is aimed at from below, by this share.
-pub(super) const MOST_AIM: f64 = 0.82;
-
-/// Points of an edge whose error the tolerance states.
-fn typical_points(tolerance: f64) -> f64 {
-    libm::pow(TYPICAL / (tolerance * tolerance), 2.0 / 3.0)
-}
+use super::model::MODEL;
 
 /// Expected points a pixel, without an audit, where `error` was expected within `tolerance`.
 pub(super) fn points(error: &ErrorEstimate, tolerance: Tolerance) -> f64 {
     let t = tolerance.fraction();
-    FIRST + typical_points(t) * relative(error, t)
+    MODEL.first_points + tolerance.typical_points() * relative(error, t)
 }
 
 /// Mean squared error that is expected, in squares of the tolerance.
@@ -46,17 +25,17 @@ fn relative(error: &ErrorEstimate, t: f64) -> f64 {
 /// the picture, or of a part of it, at which rate.
 pub(super) fn audit(area: u64, seen: Option<(&ErrorEstimate, AuditRate)>) -> (AuditRate, f64) {
     let all = area as f64;
-    if area <= SMALL {
+    if area <= MODEL.small {
         return (AuditRate::ALL, all);
     }
     let share = match seen {
         Some((error, rate)) if error.audited > 0 && rate != AuditRate::ALL => {
             (error.audited as f64 / (error.pixels as f64 * rate.factor())).max(1e-3)
         }
-        _ => DRAWN,
+        _ => MODEL.drawn,
     };
     let drawn = (all * share).max(1.0);
-    let rate = (AUDITED / drawn).min(MOST_RATE.max(AUDITED_AT_LEAST / drawn));
+    let rate = (MODEL.audited / drawn).min(MODEL.most_rate.max(MODEL.audited_at_least / drawn));
     (AuditRate((rate * 65536.0).ceil() as u32), (rate * drawn).min(all))
 }
 
@@ -78,19 +57,19 @@ pub struct Forecast {
 impl Forecast {
     /// From a picture that was rendered within `tolerance` in so much time.
     pub(crate) fn new(error: &ErrorEstimate, tolerance: Tolerance, took: Duration) -> Self {
-        Self { rmse: error.rmse(), more: points(error, tolerance) - FIRST, took }
+        Self { rmse: error.rmse(), more: points(error, tolerance) - MODEL.first_points, took }
     }
 
     /// Seconds of tracing until an error of `target`; `None` where it was reached already.
     #[must_use]
     pub fn seconds(&self, target: f64) -> Option<f64> {
-        let finer = self.rmse / (MOST_AIM * target);
+        let finer = self.rmse / (MODEL.most_aim * target);
         if self.rmse <= target || !finer.is_finite() {
             return None;
         }
-        // Errors fall with the tolerance, points rise with its inverse to 4/3; once that is so, pixels that
+        // Errors fall with the tolerance, points rise faster with its inverse; once that is so, pixels that
         // were content with less will be among those that are refined.
-        let more = (self.more + 0.1 * FIRST) * libm::pow(finer, 4.0 / 3.0);
-        Some(self.took.as_secs_f64() * (FIRST + more) / (FIRST + self.more))
+        let more = (self.more + 0.1 * MODEL.first_points) * libm::pow(finer, MODEL.points_power);
+        Some(self.took.as_secs_f64() * (MODEL.first_points + more) / (MODEL.first_points + self.more))
     }
 }

@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 
 use tessera_core::film::{ErrorEstimate, Region};
 
+use super::model::MODEL;
+
 /// Edge of the blocks.
 pub(super) const SPOT: u32 = 8;
-/// Blocks that the first look sees, and those that follow where it saw what was not expected. Both see more of large
-/// pictures: one block in so many at least.
-const LOOKS: [(f64, f64); 2] = [(100.0, 200.0), (150.0, 100.0)];
 
 /// Blocks of a picture of which one in every field of a grid is looked at.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +24,7 @@ pub(super) struct Spots {
 impl Spots {
     /// What look `number`, counted from 0, sees of `picture`.
     pub(super) fn of(picture: Region, number: usize) -> Self {
-        let (least, one_in) = LOOKS[number.min(LOOKS.len() - 1)];
+        let (least, one_in) = MODEL.looks[number.min(MODEL.looks.len() - 1)];
         Self::over(picture, one_in, least)
     }
 
@@ -230,7 +229,7 @@ mod tests {
             };
             let picture = Region { x0, y0, x1: x0 + w, y1: y0 + h };
             let blocks = f64::from(w.div_ceil(SPOT)) * f64::from(h.div_ceil(SPOT));
-            for (number, (least, _)) in LOOKS.into_iter().enumerate() {
+            for (number, (least, _)) in MODEL.looks.into_iter().enumerate() {
                 let spots = Spots::of(picture, number);
                 let regions: Vec<Region> = spots.regions().collect();
                 let some = regions.len() as f64;

@@ -6,6 +6,7 @@
 
 mod cost;
 mod look;
+mod model;
 mod target;
 mod timed;
 
@@ -15,6 +16,7 @@ use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::settings::{Detail, Pass, Tolerance};
 
 pub use cost::Forecast;
+pub use model::{MODEL, Model};
 use target::Target;
 use timed::Timed;
 

@@ -15,44 +15,11 @@ use std::time::Duration;
 use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::settings::{AuditRate, Tolerance};
 
-use super::cost::{self, MOST_AIM};
+use super::cost;
 use super::look::{ExpectedPoints, Spots};
+use super::model::MODEL;
 use super::{Outcome, Step, reaches, within};
 
-/// The first tolerance that is tried, in errors asked for.
-const GUESS: f64 = 4.0;
-/// No pixel gets more than its first points within a tolerance above this.
-const LOOSEST: f64 = 64.0 / 255.0;
-/// Audits of looks draw one in five of the pixels that are not proven, and more of those that are expected to err most.
-const LOOK_RATE: AuditRate = AuditRate((2 << 16) / 5);
-/// The upper end of the interval is aimed at this share of the target.
-const SURE: f64 = 0.9;
-/// The error itself is aimed at this share of the target at least, and at this one of a small picture.
-const LEAST_AIM: f64 = 0.55;
-const LEAST_AIM_AT_ALL: f64 = 0.45;
-/// What a look at parts saw counts as what was expected there times such factors at most: a pixel that errs by far
-/// more than was thought says that something is missed, and not how the error depends on the tolerance.
-const SURPRISE: [f64; 2] = [0.6, 1.5];
-/// After a render that missed the target, this share of it is aimed at, by this much finer at least.
-const ONCE_MORE: f64 = 0.9;
-/// Where only the interval's width missed the target, so many times as much is audited.
-const CLOSER: u32 = 4;
-/// A tolerance has helped where the error fell by this share of what the tolerance did.
-const HELPS: f64 = 0.3;
-/// A picture that is better than this share of the target is too good.
-const TOO_GOOD: f64 = 0.4;
-/// Tolerances are changed by such factors at a time.
-const STEPS: [f64; 2] = [0.1, 4.0];
-/// An audit of more pixels is more exact, but for what few of them have most of: its interval narrows to this share.
-const NARROWS: f64 = 0.8;
-/// What the sampler expects may be off by this share, as far as is known before anything is audited.
-const MODEL_IS_OFF: f64 = 0.2;
-/// After a look that saw what was expected, errors are changed by such factors at most without another one.
-const NEAR: [f64; 2] = [0.4, 2.5];
-/// What a look costs, in renders of as many pixels.
-const AUDITED_LOOK: f64 = 2.0;
-/// Errors fall with the tolerance to about this power.
-const POWER: f64 = 0.9;
 /// Looks at most: at parts, and at all of a small picture.
 const LOOKS: usize = 4;
 const LOOKS_AT_ALL: usize = 8;
@@ -101,17 +68,19 @@ struct Estimate {
 impl Estimate {
     /// Whether the audit agrees with the sampler.
     fn is_expected(&self) -> bool {
-        self.lower < (1.0 + MODEL_IS_OFF) * self.expected && self.expected < (1.0 + MODEL_IS_OFF) * self.upper
+        self.lower < (1.0 + MODEL.expected_off) * self.expected
+            && self.expected < (1.0 + MODEL.expected_off) * self.upper
     }
 
     /// The error of the whole: between what the audit found and what was expected, by how sure either is.
     fn likely(&self) -> f64 {
-        let found = self.rmse.clamp(SURPRISE[0] * self.expected, SURPRISE[1] * self.expected);
+        let found = self.rmse.clamp(MODEL.surprise[0] * self.expected, MODEL.surprise[1] * self.expected);
         if !(self.rmse > 0.0 && self.expected > 0.0) {
             return found;
         }
         let off = 0.5 * (self.upper / self.rmse - 1.0);
-        let share = MODEL_IS_OFF * MODEL_IS_OFF / (MODEL_IS_OFF * MODEL_IS_OFF + off * off);
+        let known = MODEL.expected_off * MODEL.expected_off;
+        let share = known / (known + off * off);
         libm::pow(found, share) * libm::pow(self.expected, 1.0 - share)
     }
 }
@@ -122,8 +91,8 @@ impl Target {
             error,
             view,
             region,
-            tolerance: clamped(GUESS * error),
-            audit: LOOK_RATE,
+            tolerance: clamped(MODEL.guess * error),
+            audit: MODEL.look_rate,
             seen: None,
             looks: 0,
             renders: 0,
@@ -159,7 +128,8 @@ impl Target {
         self.seen = Some((error, self.audit));
         // The render's audit draws other pixels, and more or fewer of them.
         let (_, drawn) = cost::audit(self.view.area(), self.seen.as_ref().map(|(e, rate)| (e, *rate)));
-        let audits = if spots.are_all() { 1.0 } else { (error.audited as f64 / drawn.max(1.0)).sqrt().max(NARROWS) };
+        let audits =
+            if spots.are_all() { 1.0 } else { (error.audited as f64 / drawn.max(1.0)).sqrt().max(MODEL.narrows) };
         let expected = error.expected_rmse();
         // What errors were found may be few of those that there are.
         let spread = if rmse > 0.0 { (upper / rmse.max(expected.min(upper)) - 1.0) * audits } else { 0.0 };
@@ -167,7 +137,7 @@ impl Target {
         let doubt = fields.doubt();
         if !spots.are_all() {
             // A look's pixels are audited, and the pixels around each block are sampled for it alone.
-            let points = error.pixels as f64 * (AUDITED_LOOK * cost::points(&error, self.tolerance) + 2.0);
+            let points = error.pixels as f64 * (MODEL.audited_look * cost::points(&error, self.tolerance) + 2.0);
             let seconds = outcome.took.as_secs_f64() / points.max(1.0);
             self.expected = Some((fields.expected_points(|e| cost::points(e, self.tolerance)), seconds));
         }
@@ -178,27 +148,29 @@ impl Target {
     /// The tolerance that leads from what was seen to what is aimed at, and by what factor the error changes.
     fn better(&self, estimate: &Estimate) -> (Tolerance, f64) {
         let all = self.spots().are_all();
-        let least = if all { LEAST_AIM_AT_ALL } else { LEAST_AIM };
-        let aim = (SURE / estimate.margin).clamp(least, MOST_AIM) * self.error;
+        let least = if all { MODEL.least_aim_at_all } else { MODEL.least_aim };
+        let aim = (MODEL.sure / estimate.margin).clamp(least, MODEL.most_aim) * self.error;
         let rmse = if all {
             // Where nothing was seen to err, the upper end says how little that tells.
             if estimate.rmse > 0.0 { estimate.rmse } else { 0.5 * estimate.upper }
         } else {
             estimate.likely()
         };
-        let ratio = if rmse > 0.0 { aim / rmse } else { STEPS[1] };
+        let ratio = if rmse > 0.0 { aim / rmse } else { MODEL.steps[1] };
         (self.scaled(ratio), ratio)
     }
 
     /// The tolerance at hand, such that the error changes by a factor.
     fn scaled(&self, ratio: f64) -> Tolerance {
-        clamped(self.tolerance.fraction() * libm::pow(ratio.clamp(STEPS[0], STEPS[1]), 1.0 / POWER))
+        clamped(
+            self.tolerance.fraction() * libm::pow(ratio.clamp(MODEL.steps[0], MODEL.steps[1]), 1.0 / MODEL.error_power),
+        )
     }
 
     /// After a look at parts.
     fn after_look(&mut self, estimate: Estimate) -> Option<Step> {
         let (next, ratio) = self.better(&estimate);
-        let near = (self.looks > 1 || estimate.is_expected()) && (NEAR[0]..NEAR[1]).contains(&ratio);
+        let near = (self.looks > 1 || estimate.is_expected()) && (MODEL.near[0]..MODEL.near[1]).contains(&ratio);
         if near || self.looks >= LOOKS || next == self.tolerance {
             let expected = estimate.likely() * next.fraction() / self.tolerance.fraction();
             self.met = expected * estimate.margin <= self.error;
@@ -212,7 +184,7 @@ impl Target {
         let now = self.tolerance;
         if estimate.upper <= self.error {
             self.good = Some(self.good.map_or(now, |t| t.max(now)));
-            if estimate.rmse >= TOO_GOOD * self.error || now == clamped(LOOSEST) {
+            if estimate.rmse >= MODEL.too_good * self.error || now == clamped(MODEL.loosest) {
                 return self.settle(now);
             }
         } else {
@@ -252,10 +224,10 @@ impl Target {
             return None;
         }
         if unsure {
-            self.closer = self.closer.saturating_mul(CLOSER);
+            self.closer = self.closer.saturating_mul(MODEL.closer);
         }
         self.seen = Some((outcome.error, self.audit));
-        let next = self.scaled((ONCE_MORE * self.error / upper).min(ONCE_MORE));
+        let next = self.scaled((MODEL.once_more * self.error / upper).min(MODEL.once_more));
         Some(self.render(next))
     }
 
@@ -264,7 +236,7 @@ impl Target {
         let before = self.missed.replace((self.tolerance, upper));
         before.is_some_and(|(t, u)| {
             let finer = self.tolerance.fraction() / t.fraction();
-            finer < 0.85 && upper > u * (1.0 - HELPS * (1.0 - finer))
+            finer < 0.85 && upper > u * (1.0 - MODEL.helps * (1.0 - finer))
         })
     }
 
@@ -307,7 +279,7 @@ impl Target {
         };
         let audit = AuditRate(audit.0.saturating_mul(self.closer));
         // A look's pixels are audited, and their neighbours belong to no other tile.
-        let audited = if self.renders == 0 { AUDITED_LOOK } else { 1.0 };
+        let audited = if self.renders == 0 { MODEL.audited_look } else { 1.0 };
         let dearer = self.tolerance.fraction() / tolerance.fraction() / audited;
         self.tolerance = tolerance;
         self.audit = audit;
@@ -325,7 +297,7 @@ impl Target {
             self.audit = AuditRate::ALL;
             return Step { pass: within(tolerance, AuditRate::ALL), regions: Vec::new(), kept: true, dearer };
         }
-        let audit = if spots.are_all() { AuditRate::ALL } else { LOOK_RATE };
+        let audit = if spots.are_all() { AuditRate::ALL } else { MODEL.look_rate };
         self.audit = audit;
         Step { pass: within(tolerance, audit), regions: spots.regions().collect(), kept: false, dearer }
     }
@@ -333,5 +305,5 @@ impl Target {
 
 /// The tolerance nearest to `fraction` that makes sense.
 fn clamped(fraction: f64) -> Tolerance {
-    Tolerance::new(fraction.min(LOOSEST))
+    Tolerance::new(fraction.min(MODEL.loosest))
 }

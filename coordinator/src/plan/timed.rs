@@ -5,21 +5,9 @@ use std::time::Duration;
 use tessera_core::film::{ErrorEstimate, Region};
 use tessera_core::settings::{AuditRate, Detail, Pass, Tolerance};
 
-use super::cost::{self, MOST_AIM};
+use super::cost;
+use super::model::MODEL;
 use super::{Outcome, Step, reaches, within};
-
-/// Pixels along the squares of the first picture.
-const FIRST_STEP: u32 = 8;
-/// Pixels audited of a coarse picture.
-const COARSE_AUDITED: f64 = 256.0;
-/// The tolerance of the first picture that is not coarse.
-const FIRST: f64 = 8.0 / 255.0;
-/// Points a pixel of that, with its audit and the pixels around tiles.
-const FIRST_POINTS: f64 = 6.0;
-/// The share of the time left that the next pass is to take.
-const SHARE: f64 = 0.4;
-/// Time rises with the inverse of the tolerance to about this power.
-const POWER: f64 = 0.9;
 
 /// See the [module](self).
 #[derive(Debug)]
@@ -35,7 +23,7 @@ pub(crate) struct Timed {
 
 impl Timed {
     pub(super) fn new(limit: Duration, error: Option<f64>, region: Region) -> Self {
-        Self { limit, error, region, detail: Detail::Coarse { step: FIRST_STEP }, audit: None }
+        Self { limit, error, region, detail: Detail::Coarse { step: MODEL.coarse_step }, audit: None }
     }
 
     pub(super) fn limit(&self) -> Duration {
@@ -47,7 +35,7 @@ impl Timed {
     }
 
     pub(super) fn first(&mut self) -> Step {
-        self.coarse(FIRST_STEP, 1.0)
+        self.coarse(MODEL.coarse_step, 1.0)
     }
 
     pub(super) fn next(&mut self, outcome: &Outcome) -> Option<Step> {
@@ -64,31 +52,33 @@ impl Timed {
                 let points = f64::from(step * step);
                 // The first pass also waited for whatever begins slowly: the next one shows how quick they are.
                 let finest =
-                    (1..step.ilog2()).map(|k| 1 << k).find(|s| took * points / f64::from(s * s) < SHARE * left);
+                    (1..step.ilog2()).map(|k| 1 << k).find(|s| took * points / f64::from(s * s) < MODEL.share * left);
                 match finest {
-                    _ if took * points * FIRST_POINTS < left => Some(self.fine(FIRST, points * FIRST_POINTS, outcome)),
+                    _ if took * points * MODEL.timed_points < left => {
+                        Some(self.fine(MODEL.timed_tolerance, points * MODEL.timed_points, outcome))
+                    }
                     Some(finer) => Some(self.coarse(finer, points / f64::from(finer * finer))),
                     // Part of the picture is better than none of it.
                     None if step > 2 => Some(self.coarse(step / 2, 4.0)),
-                    None => Some(self.fine(FIRST, points * FIRST_POINTS, outcome)),
+                    None => Some(self.fine(MODEL.timed_tolerance, points * MODEL.timed_points, outcome)),
                 }
             }
             Detail::Within(tolerance) if tolerance == Tolerance::MIN => None,
             Detail::Within(tolerance) => {
-                let times = (left * SHARE / took).max(1.0);
-                let mut finer = libm::pow(times, 1.0 / POWER).clamp(1.5, 16.0);
+                let times = (left * MODEL.share / took).max(1.0);
+                let mut finer = libm::pow(times, 1.0 / MODEL.time_power).clamp(1.5, 16.0);
                 if let Some(e) = self.error {
                     // No finer than the error asked for needs.
-                    finer = finer.min((outcome.error.interval().1 / (MOST_AIM * e)).max(1.2));
+                    finer = finer.min((outcome.error.interval().1 / (MODEL.most_aim * e)).max(1.2));
                 }
-                Some(self.fine(tolerance.fraction() / finer, libm::pow(finer, POWER), outcome))
+                Some(self.fine(tolerance.fraction() / finer, libm::pow(finer, MODEL.time_power), outcome))
             }
         }
     }
 
     fn coarse(&mut self, step: u32, dearer: f64) -> Step {
         self.detail = Detail::Coarse { step };
-        let audit = cost::coarse_audit(self.region.area(), COARSE_AUDITED);
+        let audit = cost::coarse_audit(self.region.area(), MODEL.coarse_audited);
         Step { pass: Some(Pass { detail: self.detail, audit }), regions: Vec::new(), kept: true, dearer }
     }
 

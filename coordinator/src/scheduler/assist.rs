@@ -6,12 +6,8 @@ use tessera_proto::LeaseId;
 
 use super::crowd::Preference;
 use super::worker::Worker;
-use super::{Effect, MAX_COPIES, SHORTEST, Scheduler, Tile, WorkerKey};
+use super::{Effect, MAX_COPIES, Scheduler, Tile, WorkerKey};
 
-/// Only what is overdue by this much more is taken to be overdue.
-const SLACK: Duration = Duration::from_millis(20);
-/// Pause between two looks, for each open lease and each worker: a look walks over all of them.
-const LOOK_EVERY: Duration = Duration::from_micros(4);
 /// Tiles that each idle worker looks at.
 const LOOKED_AT: usize = 16;
 /// After so many workers lost with no delivery between, every tile is leased once at a time: then it can be told
@@ -41,7 +37,7 @@ impl Scheduler {
         if self.cutter.pixels_left() > 0 || self.open.is_empty() || self.room.first().filter(is_free).is_none() {
             return;
         }
-        let next = self.assisted + LOOK_EVERY * (self.open.len() + self.workers.len()) as u32;
+        let next = self.assisted + self.config.model.look_every * (self.open.len() + self.workers.len()) as u32;
         if self.now < next && self.assisted > Duration::ZERO {
             self.assist_at = Some(next);
             return;
@@ -69,9 +65,12 @@ impl Scheduler {
         let (Some(tile), Some(w)) = (self.tiles.get(&late.tile), self.workers.get(&worker)) else { return false };
         let holds = |l: &LeaseId| self.open.get(l).is_some_and(|o| o.worker == worker);
         // What nobody has begun is taken off its holder as soon as that is quicker.
-        let slack = if late.begun { SLACK / 4 } else { SHORTEST / 4 };
+        let model = &self.config.model;
+        let slack = if late.begun { model.slack } else { model.shortest } / 4;
         let own = self.time_for(worker, late.area) + w.line.lag();
-        late.rest > own.mul_f64(1.25) + slack && !tile.leases.iter().any(holds) && self.may_take(worker, late.tile)
+        late.rest > own.mul_f64(model.quicker) + slack
+            && !tile.leases.iter().any(holds)
+            && self.may_take(worker, late.tile)
     }
 
     /// What the holders of every tile will still take for it, by their speed so far.
@@ -109,7 +108,7 @@ impl Scheduler {
             let area = tile.region.area();
             before += area;
             let whole = self.time_for(key, before) + w.line.lag();
-            let due = began + 2 * whole + SLACK;
+            let due = began + 2 * whole + self.config.model.slack;
             let overdue = !w.is_alive() || self.now >= due;
             let begins = if occupied { began.max(self.now) } else { began };
             // What is later than was expected will be later still by as much.

@@ -4,8 +4,8 @@
 //! reasons: a switch, a batch system, somebody's hand. A tile gets a *strike* when a worker reports that it failed
 //! at it, or when a worker is lost that was rendering it, unless
 //!
-//! - other workers were lost within [`TOGETHER`] of it, and not at the same tile one after another: they have a
-//!   cause in common,
+//! - other workers were lost within [`together`](super::Model::together) of it, and not at the same tile one after
+//!   another: they have a cause in common,
 //! - this process stood still not long ago, or
 //! - the same worker comes back: then the tile did not kill it.
 //!
@@ -26,19 +26,10 @@ pub(super) const STRIKES: usize = 3;
 const STRIKES_IN_ALL: usize = 8;
 /// Failures with no delivery between them that end a render in which nobody ever delivered.
 const FAILURES_AT_FIRST: usize = 24;
-/// Workers lost closer together than this have one cause.
-pub(super) const TOGETHER: Duration = Duration::from_secs(2);
-/// How long a tile is let lie at which more than one worker was lost: whatever else may be killing workers one
-/// after another has then shown itself.
-const PAUSE: Duration = Duration::from_millis(500);
 /// Workers that never delivered and were lost at a tile, that may end the render.
 pub(super) const LOSSES_OF_STRANGERS: usize = 20;
 /// Losses that wait to be judged, at most.
 const MAX_LOSSES: usize = 4096;
-/// A gap between two events that says that this process itself stood still.
-const STALL: Duration = Duration::from_secs(1);
-/// How long after it connections break that could not be kept.
-const AMNESTY: Duration = Duration::from_secs(15);
 
 /// One failure of a tile.
 #[derive(Debug)]
@@ -130,12 +121,12 @@ impl Tile {
 impl Scheduler {
     /// Notices that this process stood still: nobody could be heard, and connections may have broken.
     pub(super) fn forgive_after_a_stall(&mut self, now: Duration) {
-        if now > self.now + STALL {
+        if now > self.now + self.config.model.stall {
             for w in self.workers.values_mut() {
                 w.last_heard = now;
                 w.last_answer = w.last_answer.max(now);
             }
-            self.amnesty_until = now + AMNESTY;
+            self.amnesty_until = now + self.config.model.amnesty;
             self.pardon_all();
         }
     }
@@ -173,7 +164,7 @@ impl Scheduler {
     /// lost with it.
     pub(super) fn lost(&mut self, mut loss: Loss, at_work: &[AtWork]) {
         let forgiven = self.now < self.amnesty_until;
-        let near = |l: &&Loss| l.instance != loss.instance && self.now <= l.at + TOGETHER;
+        let near = |l: &&Loss| l.instance != loss.instance && self.now <= l.at + self.config.model.together;
         let together = self.losses.iter().filter(near).any(|l| !l.is_followed_by(at_work));
         if together {
             self.pardon_all();
@@ -183,7 +174,7 @@ impl Scheduler {
                 Some(tile) if !forgiven && !together => {
                     tile.doubts += 1;
                     if tile.doubt() > 1 {
-                        tile.again_at = self.now + PAUSE;
+                        tile.again_at = self.now + self.config.model.pause;
                     }
                     loss.tiles.push(id);
                     self.doubtful.insert(id);
@@ -241,7 +232,7 @@ impl Scheduler {
 
     /// Judges the losses that nobody else's came with.
     pub(super) fn judge_losses(&mut self, effects: &mut Vec<Effect>) {
-        while self.losses.front().is_some_and(|l| self.now > l.at + TOGETHER) {
+        while self.losses.front().is_some_and(|l| self.now > l.at + self.config.model.together) {
             let Some(loss) = self.losses.pop_front() else { return };
             for id in loss.tiles {
                 let Some(tile) = self.tiles.get_mut(&id) else { continue };

@@ -7,9 +7,6 @@ use tessera_proto::convert::Lease;
 
 use super::{Attempt, Effect, MAX_DEPTH, Open, Scheduler, Tile, WorkerKey};
 
-/// Work that a worker is given ahead: on a machine whose cores all render, its answers and the
-/// next leases wait for their turn about as long.
-const AHEAD: Duration = Duration::from_millis(10);
 /// Tiles that are wanted, and workers for each of them, that are looked at in one event: more than ever matter,
 /// since who may not take a tile holds it or failed at it.
 const WANTED_LOOKED_AT: usize = 16;
@@ -42,7 +39,7 @@ impl Scheduler {
         let held = w.held as f64;
         let rendering = Duration::from_secs_f64((held / rate.max(1.0)).min(1e9));
         // Not what others will be waiting for, and not what only waits on the way.
-        rendering < AHEAD.min(self.rest() / 2) && w.line.window().is_none_or(|window| held < window)
+        rendering < self.config.model.ahead.min(self.rest() / 2) && w.line.window().is_none_or(|window| held < window)
     }
 
     /// A new tile for `worker`, while there is something to be cut.

@@ -6,12 +6,7 @@
 
 use std::time::Duration;
 
-/// Bytes of results that a line may have on their way before anything of it is known: two seconds at 1 Mbit/s.
-const FIRST_BYTES: u64 = 256 << 10;
-/// And at least.
-const LEAST_BYTES: u64 = 4 << 10;
-/// Waiting on the way that is no trouble yet.
-const WAIT: Duration = Duration::from_millis(300);
+use super::Model;
 
 /// See the [module](self).
 #[derive(Debug)]
@@ -19,6 +14,8 @@ pub(super) struct Line {
     /// Pixels that may be on their way; `None` where there is no way, as within one process.
     window: Option<f64>,
     least: f64,
+    /// Waiting that is no trouble yet.
+    wait: Duration,
     /// Lag of late, and the least of all.
     lag: Duration,
     quickest: Option<Duration>,
@@ -27,10 +24,11 @@ pub(super) struct Line {
 }
 
 impl Line {
-    pub(super) fn new(in_process: bool, bytes_per_pixel: u64) -> Self {
+    pub(super) fn new(in_process: bool, bytes_per_pixel: u64, model: &Model) -> Self {
         let pixels = |bytes: u64| (bytes / bytes_per_pixel.max(1)) as f64;
-        let window = (!in_process).then(|| pixels(FIRST_BYTES));
-        Self { window, least: pixels(LEAST_BYTES), lag: Duration::ZERO, quickest: None, narrowed: None }
+        let window = (!in_process).then(|| pixels(model.first_bytes));
+        let (least, lag) = (pixels(model.least_bytes), Duration::ZERO);
+        Self { window, least, wait: model.wait, lag, quickest: None, narrowed: None }
     }
 
     /// Learns from a delivery of a lease given at `granted`. `in_use`: as much was on its way as may be.
@@ -39,7 +37,7 @@ impl Line {
         let quickest = self.quickest.map_or(lag, |q| q.min(lag));
         self.quickest = Some(quickest);
         let Some(window) = &mut self.window else { return };
-        if lag > quickest + WAIT {
+        if lag > quickest + self.wait {
             // What was on its way already when it was narrowed says nothing about that.
             if self.narrowed.is_none_or(|at| granted >= at) {
                 *window = (*window / 2.0).max(self.least);
@@ -67,7 +65,7 @@ impl Line {
 
     /// Whether more seemed to be on its way of late than the line carries.
     pub(super) fn is_full(&self) -> bool {
-        self.window.is_some() && self.quickest.is_some_and(|q| self.lag > q + WAIT)
+        self.window.is_some() && self.quickest.is_some_and(|q| self.lag > q + self.wait)
     }
 
     /// Pixels a second of a worker that renders `rate`, by way of this line.
@@ -81,12 +79,13 @@ impl Line {
 
 #[cfg(test)]
 mod tests {
+    use super::super::MODEL;
     use super::*;
 
     /// A line of so many bytes a second and this delay, over which a worker always has as much on its way as
     /// it may: gives the window and what waits on the way in the end.
     fn run(bytes_per_second: f64, delay: Duration) -> (f64, Duration) {
-        let mut line = Line::new(false, 12);
+        let mut line = Line::new(false, 12, &MODEL);
         let (mut now, mut free) = (Duration::ZERO, Duration::ZERO);
         let mut queue = std::collections::VecDeque::new();
         let mut on_the_way = 0.0;
@@ -126,7 +125,7 @@ mod tests {
 
     #[test]
     fn within_a_process_there_is_no_window() {
-        let mut line = Line::new(true, 12);
+        let mut line = Line::new(true, 12, &MODEL);
         line.arrived(Duration::from_secs(9), Duration::ZERO, true, Duration::from_secs(9));
         line.arrived(Duration::from_secs(99), Duration::ZERO, true, Duration::from_secs(9));
         assert!(line.window().is_none() && !line.is_full());

@@ -6,6 +6,7 @@ use tessera_core::film::Region;
 use tessera_proto::convert::Lease;
 use tessera_proto::{Attempt, InstanceId, LeaseId};
 
+use super::Model;
 use crate::config::{Patience, TileSize};
 
 /// One session of a worker. Never used twice.
@@ -33,6 +34,8 @@ pub(crate) struct Config {
     pub(crate) dead_after: Duration,
     /// How long a worker may take to fetch and prepare the scene.
     pub(crate) prepare_within: Duration,
+    /// What costs and times are taken to be.
+    pub(crate) model: Model,
 }
 
 /// What happened.

@@ -39,9 +39,10 @@
 //! # Sizes
 //!
 //! Each worker gets a share of what is left, as large as its measured speed among all,
-//! halved (guided self-scheduling after Polychronopoulos and Kuck, 1987), less where tiles have
-//! turned out to cost very unlike amounts, but no more than [`LONGEST`] and no less than
-//! [`SHORTEST`] of its time, both longer in a large crowd, and no more than its line carries (`line`).
+//! quartered (guided self-scheduling after Polychronopoulos and Kuck, 1987), less where tiles have
+//! turned out to cost very unlike amounts, but no more than [`longest`](Model::longest) and no less
+//! than [`shortest`](Model::shortest) of its time, both longer in a large crowd, and no more than
+//! its line carries (`line`).
 //! A quick worker holds several, so that it has work while answers and leases wait for a processor; what it
 //! has not begun at the end goes to whoever is idle.
 //!
@@ -58,6 +59,7 @@ mod cutter;
 mod grant;
 mod line;
 mod message;
+mod model;
 mod roster;
 #[cfg(test)]
 mod simulation;
@@ -78,13 +80,10 @@ use blame::{Loss, Strike};
 use crowd::{Crowd, Preference};
 use cutter::Cutter;
 pub(crate) use message::{Config, CutOff, Effect, End, Event, WorkerKey};
+pub use model::{MODEL, Model};
 pub(crate) use worker::running;
 use worker::{Delivery, Phase, Worker};
 
-/// The most of a worker's time that one tile should take, in a small crowd.
-pub(crate) const LONGEST: Duration = Duration::from_millis(100);
-/// The least of a worker's time that is worth a tile of its own, in a small crowd.
-pub(crate) const SHORTEST: Duration = Duration::from_micros(1500);
 /// Leases of a tile that are not overdue, at most.
 const MAX_COPIES: usize = 3;
 /// Leases that one worker holds at once, at most.
@@ -427,7 +426,7 @@ impl Scheduler {
         let Some(tile) = self.forget(id) else { return };
         let area = tile.region.area();
         if let (Some(w), Some((granted, busy_before))) = (self.workers.get_mut(&worker), given) {
-            w.delivered(Delivery { area, busy, idle, granted, busy_before }, was_full, self.now);
+            w.delivered(Delivery { area, busy, idle, granted, busy_before }, was_full, self.now, &self.config.model);
             self.refresh(worker);
             self.typical = self.crowd.rate_of_a_thread().or(self.typical);
         }

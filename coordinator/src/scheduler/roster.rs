@@ -4,13 +4,15 @@ use tessera_proto::InstanceId;
 
 use super::blame::{AtWork, Loss};
 use super::crowd::Share;
+use super::line::Line;
 use super::worker::{Phase, Worker};
 use super::{CutOff, Effect, Scheduler, WorkerKey};
 
 impl Scheduler {
     pub(super) fn joined(&mut self, worker: WorkerKey, threads: u32, instance: InstanceId, own: bool) {
         self.returns(instance);
-        let w = Worker::new(threads, instance, own, self.config.bytes_per_pixel, self.now);
+        let line = Line::new(own, self.config.bytes_per_pixel, &self.config.model);
+        let w = Worker::new(threads, instance, own, line, self.now);
         self.workers.insert(worker, w);
         self.instances.insert(instance, worker);
         self.ever = true;

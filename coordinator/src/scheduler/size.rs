@@ -2,16 +2,7 @@
 
 use std::time::Duration;
 
-use super::{LONGEST, SHORTEST, Scheduler, WorkerKey};
-
-/// Pixels that one thread is given while nothing is measured, at one sample a pixel.
-const PROBE: f64 = 4096.0;
-/// The least pixels worth a tile while nothing is measured.
-const LEAST_PROBE: f64 = 256.0;
-/// One part of a picture counts as at most so many times as dear as it is on the whole.
-const MOST_SPREAD: f64 = 16.0;
-/// The coordinator's own time that a tile may take: with so many workers, tiles last so many times that.
-const EACH: Duration = Duration::from_micros(50);
+use super::{Scheduler, WorkerKey};
 
 impl Scheduler {
     /// How long all workers together will take for what is not done, if that is known.
@@ -24,25 +15,25 @@ impl Scheduler {
     /// Pixels that suit `worker` now.
     pub(super) fn area_for(&self, worker: WorkerKey) -> u64 {
         let Some(w) = self.workers.get(&worker) else { return 0 };
-        let left = self.cutter.pixels_left() as f64;
+        let (model, left) = (&self.config.model, self.cutter.pixels_left() as f64);
         let missing = self.config.expected.saturating_sub(self.crowd.count) as f64;
         let Some(rate) = self.rate_of(worker) else {
             let share = f64::from(w.threads) / (self.crowd.threads as f64 + missing);
-            let probe = PROBE * f64::from(w.threads) / f64::from(self.config.samples);
-            return (left * share / 4.0).max(LEAST_PROBE).min(probe.max(64.0)) as u64;
+            let probe = model.probe * f64::from(w.threads) / f64::from(self.config.samples);
+            return (left * share / model.parts).max(model.least_probe).min(probe.max(model.least)) as u64;
         };
         let all = self.crowd.rate(self.typical);
-        // A quarter of what is left, and less where tiles differ in their cost: one that is as dear as
+        // A part of its share of what is left, and less where tiles differ in their cost: one that is as dear as
         // the dearest so far must not keep the others waiting at the end.
-        let spread = w.slowest.map_or(1.0, |slowest| (rate / slowest).clamp(1.0, MOST_SPREAD));
-        let fair = left * rate / (all + missing * rate) / (4.0 * spread.sqrt());
-        let shortest = SHORTEST.max(EACH * self.crowd.count as u32);
-        let longest = LONGEST.max(2 * shortest);
+        let spread = w.slowest.map_or(1.0, |slowest| (rate / slowest).clamp(1.0, model.most_spread));
+        let fair = left * rate / (all + missing * rate) / (model.parts * spread.sqrt());
+        let shortest = model.shortest.max(model.each * self.crowd.count as u32);
+        let longest = model.longest.max(2 * shortest);
         let (shortest, longest) = (rate * shortest.as_secs_f64(), rate * longest.as_secs_f64());
         // Two at least are on their way.
         let carried = w.line.window().map_or(f64::INFINITY, |window| window / 2.0);
         // The ceiling is what counts where the two disagree: a slow worker's least is still little.
-        fair.min(carried).max(shortest).min(longest).max(64.0) as u64
+        fair.min(carried).max(shortest).min(longest).max(model.least) as u64
     }
 
     /// Pixels a second of `worker`, by its own measure or by that of others.

@@ -5,13 +5,6 @@ use std::time::Duration;
 use super::worker::{Phase, Worker};
 use super::{CutOff, Effect, End, Scheduler, WorkerKey};
 
-/// A worker that takes so many times as long as it should for a tile is stuck,
-const STUCK: u32 = 3;
-/// where one part of a picture counts as at most so many times as dear as it is on the whole,
-const MOST_SPREAD: u32 = 2;
-/// if it also is so much later.
-const STUCK_SLACK: Duration = Duration::from_millis(250);
-
 impl Scheduler {
     pub(super) fn heard(&mut self, worker: WorkerKey) {
         let Some(w) = self.workers.get_mut(&worker) else { return };
@@ -76,12 +69,12 @@ impl Scheduler {
 
     /// When it will be clear that a worker does not get on with what it holds.
     fn stuck_at(&self, key: WorkerKey, w: &Worker) -> Option<Duration> {
-        let front = self.open.get(w.leases.front()?)?;
+        let (model, front) = (&self.config.model, self.open.get(w.leases.front()?)?);
         let area = self.tiles.get(&front.tile)?.region.area();
         let usual = self.time_for(key, area);
         // What it renders beside it has its share of its threads.
-        let dearest = usual.max(slow(area, w.slowest).min(MOST_SPREAD * usual)) * w.running as u32;
-        Some(w.last_answer.max(front.granted) + STUCK * (dearest + w.line.lag()) + STUCK_SLACK)
+        let dearest = usual.max(slow(area, w.slowest).min(model.stuck_spread * usual)) * w.running as u32;
+        Some(w.last_answer.max(front.granted) + model.stuck * (dearest + w.line.lag()) + model.stuck_slack)
     }
 
     /// A worker beats but does not get on: what it has not begun is taken from it, what it has begun is wanted

@@ -5,12 +5,9 @@ use std::time::Duration;
 
 use tessera_proto::{InstanceId, LeaseId};
 
-use super::MAX_DEPTH;
 use super::crowd::{Preference, Share};
 use super::line::Line;
-
-/// How much what was measured before the latest tile counts beside it.
-const MEMORY: f64 = 0.75;
+use super::{MAX_DEPTH, Model};
 
 /// Where a worker is in its life; see the scheduler's drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,7 +71,7 @@ pub(super) struct Worker {
 
 impl Worker {
     /// `own`: it runs in the coordinator's process.
-    pub(super) fn new(threads: u32, instance: InstanceId, own: bool, bytes_per_pixel: u64, now: Duration) -> Self {
+    pub(super) fn new(threads: u32, instance: InstanceId, own: bool, line: Line, now: Duration) -> Self {
         let running = running(threads);
         Self {
             threads,
@@ -94,7 +91,7 @@ impl Worker {
             slowest: None,
             busy: Duration::ZERO,
             last_answer: now,
-            line: Line::new(own, bytes_per_pixel),
+            line,
             counted: None,
             place: None,
         }
@@ -123,7 +120,7 @@ impl Worker {
 
     /// Learns from a delivery. `was_full`: it held all the leases meant for it, so that waiting for more was
     /// not for want of work.
-    pub(super) fn delivered(&mut self, d: Delivery, was_full: bool, now: Duration) {
+    pub(super) fn delivered(&mut self, d: Delivery, was_full: bool, now: Duration, model: &Model) {
         let rate = d.area as f64 / d.busy.as_secs_f64().max(1e-6);
         let measured_before = self.rate.is_some();
         // The first tile warms up memory and tells little.
@@ -132,7 +129,7 @@ impl Worker {
         }
         // By the time it was at work rather than tile by tile: of two that it rendered at once, the second to end took
         // next to no time of its own.
-        let before = self.rate.map_or(0.0, |_| MEMORY * self.measured);
+        let before = self.rate.map_or(0.0, |_| model.memory * self.measured);
         self.measured = before + d.busy.as_secs_f64().max(1e-6);
         self.rate = Some((self.rate.unwrap_or(0.0) * before + d.area as f64) / self.measured);
         // What it rendered meanwhile was not spent on the way.
@@ -155,17 +152,18 @@ pub(crate) fn running(threads: u32) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use super::super::MODEL;
     use super::*;
 
     /// Two tiles rendered at once often end together: the second has next to no time of its own.
     #[test]
     fn tiles_that_end_together_make_no_worker_fast() {
-        let mut w = Worker::new(16, InstanceId(1), true, 12, Duration::ZERO);
+        let mut w = Worker::new(16, InstanceId(1), true, Line::new(true, 12, &MODEL), Duration::ZERO);
         let ms = Duration::from_millis;
         for n in 0..100 {
             let busy = if n % 2 == 0 { ms(100) } else { Duration::from_micros(5) };
             let d = Delivery { area: 1000, busy, idle: ms(0), granted: ms(0), busy_before: ms(0) };
-            w.delivered(d, true, ms(0));
+            w.delivered(d, true, ms(0), &MODEL);
             let rate = w.rate.unwrap();
             assert!(n < 10 || (rate > 15_000.0 && rate < 27_000.0), "{rate} pixels a second rather than 20,000");
         }

@@ -23,6 +23,8 @@ use std::time::Duration;
 pub use costs::CostMap;
 pub use report::Outcome;
 
+pub use crate::scheduler::{MODEL, Model};
+
 /// A farm and its job.
 #[derive(Clone, Debug)]
 pub struct Setup {
@@ -56,6 +58,8 @@ pub struct Setup {
     pub trouble: Trouble,
     /// What the coordinator can do.
     pub service: Service,
+    /// What the scheduler takes costs and times to be.
+    pub model: Model,
 }
 
 /// What goes wrong, as shares of all workers, spread evenly over the job's time.
@@ -117,6 +121,7 @@ impl Setup {
             prepare: Duration::from_millis(200),
             trouble: Trouble::default(),
             service: Service::default(),
+            model: MODEL,
         }
     }
 }

@@ -275,6 +275,7 @@ fn config(setup: &Setup, renderers: &[Renderer]) -> Config {
         suspect_after: Duration::from_secs(2),
         dead_after: DEAD,
         prepare_within: Duration::from_secs(600),
+        model: setup.model,
     }
 }
 

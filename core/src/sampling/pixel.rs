@@ -6,30 +6,62 @@ use crate::settings::Tolerance;
 
 /// Points of a pixel at most.
 pub(crate) const MOST: u32 = 1 << 16;
-/// Points that a pixel begins with in which anything may be seen: the least that have a variance where a point
-/// must take off more than [`Rule::LOOSE`], else enough to miss little.
-const FIRST: [u32; 2] = [2, 4];
 
 /// Constants of the model of errors.
 ///
-/// A mean over n points of a scrambled net errs by κ·n^-1.5 (mean square) once points are closer than edges. Of a
-/// single straight edge of variance v, κ is 0.57·v (16 points: 9.8 steps of 255, averaged over edges).
-struct Model {
-    /// κ of a pixel of variance 1, as long as nothing else is known.
-    edge: f64,
-    /// κ and points of the edge whose error the tolerance states: half a contrast of 1.
-    typical: f64,
-    /// What takes off less than this share of a pixel's points is left alone.
-    least_growth: f64,
-    /// What may hide where all points are alike: this much over the square of their number, times the square of
-    /// how much may hide. So that at half a step in 255 the first four points are enough, and at a twentieth a hundred.
-    hidden: f64,
+/// A mean over n points of a scrambled net errs by κ·n^-1.5 (mean square) once points are closer than edges. *Fitted*
+/// values are measured anew by `cargo xtask calibrate`; *chosen* ones weigh costs against each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Model {
+    /// κ of a pixel of variance 1, as long as nothing else is known. Fitted: of a single straight edge of variance v,
+    /// κ is 0.57·v (16 points: 9.8 steps of 255, averaged over edges).
+    pub edge: f64,
+    /// κ and points of the edge whose error the tolerance states. Fitted: half a contrast of 1, wherever it passes,
+    /// has a mean variance of a sixth, and a sixth of [`Self::edge`] is 0.095.
+    pub typical: f64,
+    /// What takes off less than this share of a pixel's points is left alone. Chosen: points are doubled at least.
+    pub least_growth: f64,
+    /// What may hide where all points are alike: this much over the square of their number, times the square of how
+    /// much may hide. Chosen: at half a step in 255 the first four points are enough, and at a twentieth a hundred.
+    pub hidden: f64,
+    /// Mean square that a point must take off at a tolerance of four steps in 255, which leads to a picture's error
+    /// of half a step or so. Follows from [`Self::typical`].
+    pub loose_point: f64,
+    /// The same of ten steps, rounded: the tolerance is loose above it.
+    pub loose: f64,
+    /// Points that a pixel begins with in which anything may be seen, where the tolerance is loose and where it is
+    /// not. Chosen: the least that have a variance, and enough to miss little.
+    pub first: [u32; 2],
+    /// Objects that a tile is proven among at most, in the same order. Chosen: under loose tolerances a proof among
+    /// many costs more than the points that it saves.
+    pub candidates: [usize; 2],
+    /// Points of a ball that is alone in its pixel at [`Self::loose_point`], and the power of the tolerance's points
+    /// by which they grow. Chosen: even a thin crescent's light is known to a hundredth.
+    pub lone_ball: (f64, f64),
 }
 
-const MODEL: Model = Model { edge: 0.57, typical: 0.1, least_growth: 1.4, hidden: 2.5e-4 };
+const MODEL: Model = Model {
+    edge: 0.57,
+    typical: 0.1,
+    least_growth: 1.4,
+    hidden: 2.5e-4,
+    loose_point: 2.9e-6,
+    loose: 6e-5,
+    first: [2, 4],
+    candidates: [8, 48],
+    lone_ball: (64.0, 0.56),
+};
 
-/// What a point must take off at a tolerance of four steps in 255, which leads to a picture's error of half a step.
-const LOOSE_POINT: f64 = 2.9e-6;
+impl Tolerance {
+    /// What a tolerance means: the model by which points are given out, so that it leads to errors.
+    pub const MODEL: Model = MODEL;
+
+    /// Points of the edge whose error it states: those at which κ·n^-1.5 is its square.
+    #[must_use]
+    pub fn typical_points(self) -> f64 {
+        libm::pow(MODEL.typical / (self.fraction() * self.fraction()), 2.0 / 3.0)
+    }
+}
 
 /// κ of an edge on whose sides colours are off by so much from their mean, wherever it passes.
 fn edge(contrast: f64) -> f64 {
@@ -56,22 +88,18 @@ impl Rule {
     pub(crate) fn new(tolerance: Tolerance) -> Self {
         let t = tolerance.fraction();
         // κ n^-1.5 = t² and DOUBLING · κ n^-2.5 = a_point at κ = typical.
-        let n = libm::pow(MODEL.typical / (t * t), 2.0 / 3.0);
-        let a_point = DOUBLING * t * t / n;
+        let a_point = DOUBLING * t * t / tolerance.typical_points();
         // Doubts whose edge is worth so many points.
         let few = [1.0, 2.0].map(|points| {
             let n: f64 = MODEL.least_growth * points;
             (a_point * n * n * n.sqrt() / (DOUBLING * edge(1.0))).sqrt()
         });
-        Self { a_point, few, first: FIRST[usize::from(a_point < Self::LOOSE)] }
+        Self { a_point, few, first: MODEL.first[usize::from(a_point < MODEL.loose)] }
     }
 
-    /// Reached at a tolerance of ten steps in 255.
-    const LOOSE: f64 = 6e-5;
-    /// Objects that a tile is proven among at most: under loose tolerances a proof among many costs more than the
-    /// points that it saves.
+    /// Objects that a tile is proven among at most.
     pub(crate) fn candidates(&self) -> usize {
-        if self.a_point < Self::LOOSE { 48 } else { 8 }
+        MODEL.candidates[usize::from(self.a_point < MODEL.loose)]
     }
 
     /// Points of a pixel of such κ.
@@ -92,8 +120,9 @@ impl Rule {
     /// Points of a ball that is alone in its pixel: 64 at half a step in 255, so many more within tighter tolerances
     /// that even a thin crescent's light is known to a hundredth.
     pub(crate) fn lone_ball(&self) -> u32 {
-        let times = libm::pow(LOOSE_POINT / self.a_point, 0.56);
-        ((64.0 * times).clamp(64.0, 16384.0) as u32).next_power_of_two()
+        let (least, power) = MODEL.lone_ball;
+        let times = libm::pow(MODEL.loose_point / self.a_point, power);
+        ((least * times).clamp(least, 16384.0) as u32).next_power_of_two()
     }
 }
 

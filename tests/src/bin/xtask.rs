@@ -27,6 +27,8 @@ enum Chore {
     Peers,
     /// Seconds to true errors, and true errors against told ones
     Accuracy,
+    /// Constants of cost and accuracy, fitted anew
+    Calibrate,
     /// A farm that stays: latencies, memory, what watching costs
     Farm,
     /// A real coordinator before thousands of fake workers
@@ -63,6 +65,7 @@ fn command(chore: Chore) -> (&'static str, &'static [(&'static str, &'static str
         Chore::Fuzz => ("cargo test --release -p tessera-tests --test fuzz --", &[("TESSERA_FUZZ_SECONDS", "60")]),
         Chore::Peers => ("cargo run --release -p tessera-tests --bin peers --", &[]),
         Chore::Accuracy => ("cargo run --release -p tessera-tests --bin accuracy --", &[]),
+        Chore::Calibrate => ("cargo run --release -p tessera-tests --bin calibrate --", &[]),
         Chore::Farm => ("cargo run --release -p tessera-tests --bin farm_figures --", &[]),
         Chore::Crowd => ("cargo run --release -p tessera-tests --bin crowd --", &[]),
         Chore::Simulate => ("cargo run --release -p tessera-tests --bin simulate --", &[]),

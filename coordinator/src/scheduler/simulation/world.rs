@@ -8,7 +8,7 @@ use tessera_core::film::Region;
 use tessera_proto::identity::WorkerId;
 use tessera_proto::{InstanceId, JobNumber, LeaseId};
 
-use super::super::{Config, End, Event, Scheduler, WorkerKey};
+use super::super::{Config, End, Event, MODEL, Scheduler, WorkerKey};
 use super::faults::{self, FAULTY, Fault};
 use super::picture::{Curse, Picture};
 use super::session::Session;
@@ -95,6 +95,7 @@ impl World {
             suspect_after: Duration::from_secs(2),
             dead_after: DEAD,
             prepare_within: Duration::from_secs(600),
+            model: MODEL,
         };
         let count = rng.usize(1..9);
         // The whole takes between one and a few dozen seconds.

@@ -1,6 +1,6 @@
 //! Which tiles are blamed, and for what not.
 
-use super::super::blame::{LOSSES_OF_STRANGERS, TOGETHER};
+use super::super::blame::LOSSES_OF_STRANGERS;
 use super::*;
 
 /// Long enough for a loss to be judged.
@@ -166,7 +166,7 @@ fn a_tile_in_doubt_comes_last_and_is_not_for_strangers() {
     let victim = proven(&mut farm);
     let lost = farm.nth(victim, 0).unwrap();
     farm.leave(victim);
-    farm.wait(TOGETHER / 4, &[honest]);
+    farm.wait(MODEL.together / 4, &[honest]);
     let stranger = farm.join(1);
     while let Some(lease) = farm.nth(honest, 0).filter(|l| l.region != lost.region) {
         farm.deliver(honest, lease);

@@ -21,6 +21,7 @@ fn config(w: u32, h: u32, tile: TileSize) -> Config {
         suspect_after: Duration::from_secs(2),
         dead_after: Duration::from_secs(6),
         prepare_within: Duration::from_secs(300),
+        model: MODEL,
     }
 }
 
