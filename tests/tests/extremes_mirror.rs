@@ -129,20 +129,44 @@ fn case_58_depth_100000_on_a_small_stack() {
 fn case_58_long_path_that_is_not_a_line() {
     // A slanted ray between the mirrors: every bounce is elsewhere, every n·l another.
     let d = facing(0.25, 1.0);
-    let settings = deep(3, 3, 2000);
-    let actual = Subject::new(&d).render(&settings);
-    let view = &settings.view;
-    let mut expected = Image { width: 3, height: 3, pixels: Vec::new() };
-    for j in 0..3 {
-        for i in 0..3 {
-            let (x, y) = ((f64::from(2 * i + 1 - 3)) / 6.0 * view.plane_height(), f64::from(2 - 2 * j) / 6.0);
-            // At bounce k the path is (2k + 1)·(x, y) off the axis, and the light is 1 away along it.
-            let slope = x.hypot(y);
-            let sum: f64 = (0..2000).map(|k| 0.25 / (1.0 + (f64::from(2 * k + 1) * slope).powi(2)).sqrt()).sum();
-            expected.pixels.push([sum; 3]);
+    for (w, h, depth) in [(3i32, 3i32, 2000), (7, 5, 500)] {
+        let settings = deep(w as u32, h as u32, depth);
+        let actual = Subject::new(&d).render(&settings);
+        let mut expected = Image { width: w as usize, height: h as usize, pixels: Vec::new() };
+        for j in 0..h {
+            for i in 0..w {
+                let unit = settings.view.plane_height() / f64::from(2 * h);
+                let (x, y) = (f64::from(2 * i + 1 - w) * unit, f64::from(h - 1 - 2 * j) * unit);
+                // At bounce k the path is (2k + 1)·(x, y) off the axis, and the light is 1 away along it.
+                let slope = x.hypot(y);
+                let at = |k: u32| 0.25 / (1.0 + (f64::from(2 * k + 1) * slope).powi(2)).sqrt();
+                let sum: f64 = (0..depth).map(at).sum();
+                expected.pixels.push([sum; 3]);
+            }
         }
+        assert_same_picture(&format!("case_58_slanted_{w}x{h}"), &expected, &actual);
     }
-    assert_same_picture("case_58_slanted", &expected, &actual);
+}
+
+#[test]
+fn long_paths_beside_others_are_those_of_pixels_alone() {
+    // More paths go on for long than do so at a time, and others end among them.
+    let mut d = facing(0.1, 1.0).sphere(dvec3(0.3, 0.1, 0.4), 0.3, Look::matte(0.9, 0.3, 0.2));
+    d = d.sphere(dvec3(-0.4, -0.2, 0.5), 0.2, Look::new(0.2, 0.3, 0.9, 0.3, 0.6));
+    for depth in [64, 65, 200] {
+        let scene = Arc::new(PreparedScene::build(Arc::new(d.scene().unwrap())));
+        let tracer = Tracer::new(scene, deep(12, 9, depth)).unwrap();
+        let (whole, counts) = tracer.render(Region::new(0, 0, 12, 9).unwrap());
+        assert!(counts.mirror > 50 * u64::from(depth), "{counts:?}");
+        let mut rays = 0;
+        for (k, pixel) in (0u32..).zip(&whole.pixels) {
+            let (x, y) = (k % 12, k / 12);
+            let (alone, more) = tracer.render(Region::new(x, y, x + 1, y + 1).unwrap());
+            assert_eq!(alone.pixels[0].map(f32::to_bits), pixel.map(f32::to_bits), "({x}, {y}) at {depth}");
+            rays += more.total();
+        }
+        assert_eq!(rays, counts.total(), "at {depth}");
+    }
 }
 
 #[test]

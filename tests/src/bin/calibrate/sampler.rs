@@ -3,7 +3,7 @@
 use tessera_core::settings::Tolerance;
 use tessera_tests::edges;
 
-use crate::table::{Held, Row, Table, power};
+use crate::table::{Row, Table, power};
 
 /// Edges.
 const EDGES: u64 = 300;
@@ -58,9 +58,8 @@ pub(crate) fn fit() -> Table {
     let typical: Vec<f64> = kappas[FEW..].iter().map(|k| k * variance).collect();
     let typical = Row::of("typical", "", model.typical, &typical, format!("the same, of mean variance {variance:.3}"));
     let fall = Row { fitted: -power(&squares), ..Row::of("exponent", "", 1.5, &parts, "the same") };
-    let follows = |name: &'static str, now: f64, steps: f64| Row {
-        held: Held::Within,
-        ..Row::of(name, "", now, &[a_point(steps)], format!("`typical`, at {steps} steps"))
+    let follows = |name: &'static str, now: f64, steps: f64| {
+        Row::of(name, "", now, &[a_point(steps)], format!("`typical`, at {steps} steps"))
     };
     let rows =
         vec![edge, fall, typical, follows("loose_point", model.loose_point, 4.0), follows("loose", model.loose, 10.0)];

@@ -48,8 +48,9 @@ impl Row {
         values: &[f64],
         data: impl Into<String>,
     ) -> Self {
-        let (fitted, spread) = (quantile(values, 1.0), (quantile(values, 0.0), quantile(values, 1.0)));
-        Self { name, unit, now, fitted, spread, held: Held::Above, data: data.into() }
+        let (least, greatest) = (quantile(values, 0.0), quantile(values, 1.0));
+        let row = Self::of(name, unit, now, values, data);
+        Self { fitted: greatest, spread: (least, greatest), held: Held::Above, ..row }
     }
 
     fn holds(&self) -> bool {
