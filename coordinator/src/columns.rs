@@ -25,6 +25,7 @@ mod tests {
     fn columns_are_straight_in_any_script() {
         let rows = [["ID", "NAME", "N"], ["1", "日本", "7"], ["10", "x", "123"]];
         let rows: Vec<Vec<String>> = rows.iter().map(|r| r.map(String::from).to_vec()).collect();
+        assert_eq!(columns(&[rows[1].clone(), Vec::new(), rows[2].clone()], &[]), "1   日本  7\n\n10  x     123\n");
         assert_eq!(columns(&rows, &[2]), "ID  NAME    N\n1   日本    7\n10  x     123\n");
     }
 }

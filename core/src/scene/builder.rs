@@ -191,14 +191,6 @@ impl SceneBuilder {
         Ok(())
     }
 
-    /// Checks an orientation; the reader calls it also where no picture uses it.
-    ///
-    /// # Errors
-    /// Pole or equator zero, not finite, or parallel to each other.
-    pub fn check_orientation(orientation: &Orientation) -> Result<(), Invalid> {
-        rules::orientation(Some(orientation.pole), Some(orientation.equator)).map(|_| ())
-    }
-
     /// Adds a sphere. `orientation` is kept only where the surface's pigment is a picture;
     /// `None` there means pole +y, equator +x.
     ///
@@ -215,7 +207,7 @@ impl SceneBuilder {
         rules::radius(radius)?;
         let surface = self.known(surface)?;
         if let Some(o) = &orientation {
-            Self::check_orientation(o)?;
+            rules::orientation(Some(o.pole), Some(o.equator))?;
         }
         if matches!(self.surfaces[surface.0 as usize].pigment, Pigment::Texture(_)) {
             let index = u32::try_from(self.spheres.len()).map_err(|_| Invalid::TooMany)?;

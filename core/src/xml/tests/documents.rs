@@ -291,6 +291,17 @@ error[number]: `1,5` is not a number
 }
 
 #[test]
+fn marks_stand_below_wide_and_combining_characters() {
+    // Ideographs and kana take two columns each, an accent that is a character of its own none.
+    for (before, columns) in [("", 0), ("日本語の", 8), ("e\u{301}e\u{301}", 2), ("äß", 2)] {
+        let text = scene(&format!("<!--{before}--><shpere radius='1'/>"));
+        let error = read(&text).map(|_| ()).unwrap_err().to_string();
+        let marks = error.lines().find(|l| l.contains("^^^")).unwrap_or_else(|| panic!("{error}"));
+        assert_eq!(marks, format!("  | {}^^^^^^", " ".repeat(columns + "<!---->".len() + 1)), "{error}");
+    }
+}
+
+#[test]
 fn excerpts_of_long_and_strange_lines() {
     // Columns count characters; a long line is cut around the spot; tabs keep the marks in line.
     let wide = format!("<!--{}-->\t<sphere radius='ö'>", "é".repeat(500));
