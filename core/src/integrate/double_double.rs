@@ -5,10 +5,11 @@
 //! `integrate::shade` then give the same place in double-double, at a fraction of what the refiner
 //! takes; what they cannot bound tightly enough goes there.
 
-use super::refine::{Case, Refined};
+use super::refine::{Case, Refined, Start};
 use super::shade;
-use crate::numeric::{DoubleDouble, Real, U};
+use crate::numeric::{DoubleDouble, Real, U, V3};
 use crate::shapes::{Decision, ObjectId, Ray, Span, SurfaceInteraction, interaction_double, test_double};
+use crate::traverse::{Closest, Occluded, Scratch};
 
 /// Longer paths are left to the refiner, which remembers how far it has followed them.
 const SHORT: usize = 8;
@@ -21,11 +22,30 @@ pub(super) struct DoubleDoublePath {
     ray: Ray<DoubleDouble>,
     /// What that ray is known to meet, and where.
     met: Option<(Decision, SurfaceInteraction<DoubleDouble>)>,
+    query: Scratch,
+}
+
+/// A bound, rounded upwards.
+fn bound(e: DoubleDouble) -> f64 {
+    e.hi * (1.0 + 1e-9)
+}
+
+/// The ray in f64, which tells most candidates apart once it is known that well.
+fn rounded(ray: &Ray<DoubleDouble>) -> Ray {
+    let o = ray.o.to_f64();
+    Ray::new(o, ray.d.to_f64(), bound(ray.eo) + 2.0 * U * o.norm1(), bound(ray.ed) + 2.0 * U)
 }
 
 impl DoubleDoublePath {
     pub(super) fn new(case: &Case<'_>) -> Self {
-        Self { done: 0, from: None, ray: case.tracer.frame.double_ray(case.point), met: None }
+        let (from, ray) = match case.start {
+            Start::Camera(point) => (None, case.tracer.frame.double_ray(point)),
+            Start::Given(ray, from) => {
+                let zero = DoubleDouble::splat(0.0);
+                (from, Ray::new(V3::splat(ray.o.to_dvec3()), V3::splat(ray.d.to_dvec3()), zero, zero))
+            }
+        };
+        Self { done: 0, from, ray, met: None, query: Scratch::default() }
     }
 
     /// Where the path of `case`, which is this one, meets `met`, and the direction mirrored there: rounded, their
@@ -35,7 +55,6 @@ impl DoubleDoublePath {
         let interaction = self.intersect(case, met)?;
         let mirrored = shade::reflect(&self.ray, &interaction);
         let p = interaction.p.to_f64();
-        let bound = |e: DoubleDouble| e.hi * (1.0 + 1e-9);
         let rounded = SurfaceInteraction {
             p,
             ep: bound(interaction.ep) + 2.0 * U * p.norm1(),
@@ -64,8 +83,14 @@ impl DoubleDoublePath {
     /// Which of `candidates` the path surely meets next, or that it meets none; `None` where that is not sure.
     pub(super) fn closest(&mut self, case: &Case<'_>, candidates: &[ObjectId]) -> Option<Option<Decision>> {
         self.follow(case)?;
-        let mut found = Vec::with_capacity(candidates.len());
-        for &id in candidates {
+        let (prepared, query) = (&case.tracer.prepared, &mut self.query);
+        match prepared.closest_among(&rounded(&self.ray), self.from, candidates.iter().copied(), query) {
+            Closest::Nothing => return Some(None),
+            Closest::Sure(decision) => return Some(Some(decision)),
+            Closest::Doubt => {}
+        }
+        let mut found = Vec::new();
+        for id in query.candidates() {
             if let Some(span) = test(case, &self.ray, id, self.from)? {
                 found.push((id, span));
             }
@@ -74,7 +99,7 @@ impl DoubleDoublePath {
         if let Some(bound) = bound {
             found.retain(|(_, s)| !(s.lo > bound));
         }
-        case.tracer.prepared.drop_covered(&mut found);
+        prepared.drop_covered(&mut found);
         match found[..] {
             [] => Some(None),
             [(id, Span { sure: true, inside, .. })] => Some(Some(Decision { id, inside })),
@@ -94,11 +119,17 @@ impl DoubleDoublePath {
         self.follow(case)?;
         let interaction = self.intersect(case, met)?;
         let prepared = &case.tracer.prepared;
-        let light = prepared.local.double_light(&prepared.scene, light)?;
-        let ray = shade::towards(&interaction, light, light - interaction.p);
+        let place = prepared.local.double_light(&prepared.scene, light)?;
+        let ray = shade::towards(&interaction, place, place - interaction.p);
+        let (ids, query) = (candidates.iter().copied(), &mut self.query);
+        match prepared.occluded_among(&rounded(&ray), Some(met), Some(light), ids, query) {
+            Occluded::No => return Some(false),
+            Occluded::Yes => return Some(true),
+            Occluded::Doubt => {}
+        }
         let one = DoubleDouble::splat(1.0);
         let mut open = false;
-        for &id in candidates {
+        for id in query.candidates() {
             match test(case, &ray, id, Some(met))? {
                 Some(span) if span.sure && span.hi < one => return Some(true),
                 Some(span) => open |= !(span.lo > one),
@@ -115,7 +146,7 @@ impl DoubleDoublePath {
             return Some(interaction);
         }
         let prepared = &case.tracer.prepared;
-        let object = prepared.local.double(&prepared.scene, decision.id)?;
+        let object = prepared.local.double(&prepared.scene, &prepared.giants, decision.id)?;
         let interaction = interaction_double(&self.ray, &object, decision, self.from);
         self.met = Some((decision, interaction));
         Some(interaction)
@@ -130,6 +161,6 @@ fn test(
     from: Option<Decision>,
 ) -> Option<Option<Span<DoubleDouble>>> {
     let prepared = &case.tracer.prepared;
-    let object = prepared.local.double(&prepared.scene, id)?;
+    let object = prepared.local.double(&prepared.scene, &prepared.giants, id)?;
     Some(test_double(ray, &object, from.filter(|f| f.id == id)))
 }

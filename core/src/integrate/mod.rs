@@ -118,6 +118,8 @@ pub struct Tracer {
     frame: Frame,
     materials: Arc<[Material]>,
     background: DVec3,
+    /// Rays of no more weight are taken as they are.
+    given: f64,
     texels: Arc<[Texels]>,
     mappings: Arc<[Mapping]>,
     /// Whether any surface mirrors.
@@ -157,6 +159,7 @@ impl Tracer {
             })
             .collect::<Vec<_>>()
             .into();
+        let background = linear(scene.background());
         Ok(Self {
             settings,
             grid,
@@ -167,7 +170,8 @@ impl Tracer {
             unwanted: None,
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
-            background: linear(scene.background()),
+            given: (shade::VALUE / background.max_element().max(scene.lights().len() as f64)).min(0.5),
+            background,
             texels: scene.textures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
             mappings: texture::mappings(&scene, &prepared.local).into(),
             prepared,
@@ -239,6 +243,13 @@ impl Tracer {
             (Some(filter), Boxes::F32(bvh)) if self.filters => Some((filter, bvh)),
             _ => None,
         }
+    }
+
+    /// Whether a mirrored ray of this weight is taken as it is. No point sends more light than the background or all
+    /// lights together, since what a surface scatters and mirrors is no more than what reaches it: all that such a
+    /// ray's error can do to a pixel is below what values may be off by.
+    pub(crate) fn is_given(&self, throughput: f64) -> bool {
+        throughput <= self.given
     }
 
     /// What `id` does with light.

@@ -10,6 +10,7 @@ use crate::film::PlanePoint;
 use crate::numeric::{U, Unsure, V3, Vector};
 use crate::shapes::exact::{ExactHit, ExactRay, FIRST, LAST, hit};
 use crate::shapes::{Decision, ObjectId, Ray, SurfaceInteraction, sphere, texture};
+use crate::traverse::PreparedScene;
 
 /// The path in numbers of one width.
 struct ExactPath<const N: usize> {
@@ -74,20 +75,43 @@ impl<const N: usize> ExactPath<N> {
     }
 }
 
+/// Where a path begins.
+#[derive(Clone, Copy)]
+pub(crate) enum Start {
+    /// At the camera, through a point of the image plane.
+    Camera(PlanePoint),
+    /// As a ray of f64 that is taken as it is, and the surface it leaves: too little light goes along it for its
+    /// errors to show.
+    Given(Ray, Option<Decision>),
+}
+
 /// What is asked about: a path, by its decisions so far, which only ever grow.
 #[derive(Clone, Copy)]
 pub(crate) struct Case<'a> {
     pub(crate) tracer: &'a Tracer,
-    pub(crate) point: PlanePoint,
+    pub(crate) start: Start,
     pub(crate) trail: &'a [Decision],
 }
 
 impl<'a> Case<'a> {
-    /// The path by what it is made of, for proofs.
-    fn path(&self) -> CameraPath<'a> {
-        let Case { tracer, point, trail } = *self;
+    /// The path by what it is made of, for proofs: of a ray that is taken as it is, there is nothing to prove.
+    fn path(&self) -> Result<CameraPath<'a>, Unsure> {
+        let Case { tracer, start: Start::Camera(point), trail } = *self else { return Err(Unsure) };
         let (scene, view) = (&*tracer.prepared.scene, &tracer.settings.view);
-        CameraPath { scene, view, grid: tracer.grid, point: [point.x, point.y], trail }
+        Ok(CameraPath { scene, view, grid: tracer.grid, point: [point.x, point.y], trail })
+    }
+
+    /// The path's first ray.
+    fn first_ray<const N: usize>(&self) -> ExactRay<N> {
+        match self.start {
+            Start::Camera(point) => self.tracer.frame.exact_ray(point),
+            Start::Given(ray, from) => {
+                let PreparedScene { local, scene, .. } = &*self.tracer.prepared;
+                let away = Vector::new(ray.o.to_dvec3()).scale(i64::from(local.power));
+                let ray = ExactRay::new(scene.camera().location(), Vector::new(ray.d.to_dvec3()));
+                ExactRay { o: ray.o + away, from, ..ray.taken_as_it_is() }
+            }
+        }
     }
 }
 
@@ -110,7 +134,7 @@ impl Question for Closest<'_> {
         Ok(found.map(|(decision, _)| decision))
     }
     fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Option<Decision>, Unsure> {
-        Proof::<N>::new(&case.path(), self.0, &[])?.closest(self.0)
+        Proof::<N>::new(&case.path()?, self.0, &[])?.closest(self.0)
     }
 }
 
@@ -129,7 +153,7 @@ impl Question for Occluded<'_> {
     }
     fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<bool, Unsure> {
         let objects: Vec<_> = self.candidates.iter().copied().chain([self.met.id]).collect();
-        Proof::<N>::new(&case.path(), &objects, &[self.light])?.occluded(self.met, self.light, self.candidates)
+        Proof::<N>::new(&case.path()?, &objects, &[self.light])?.occluded(self.met, self.light, self.candidates)
     }
 }
 
@@ -188,7 +212,7 @@ impl Question for Hit {
         self.seen(case, hit, &ray.d, None)
     }
     fn prove<const N: usize>(&self, case: &Case<'_>) -> Result<Refined, Unsure> {
-        let mut proof = Proof::<N>::new(&case.path(), &[self.met.id], case.tracer.prepared.scene.lights())?;
+        let mut proof = Proof::<N>::new(&case.path()?, &[self.met.id], case.tracer.prepared.scene.lights())?;
         let (hit, d, point) = proof.hit(self.met)?;
         self.seen(case, &hit, &d, Some((&proof, &point)))
     }
@@ -228,11 +252,11 @@ impl Refiner {
     }
 
     fn ask<Q: Question>(&mut self, case: &Case<'_>, question: &Q) -> Option<Q::Answer> {
-        let Case { tracer, point, trail } = *case;
+        let Case { tracer, trail, .. } = *case;
         if tracer.is_unwanted() {
             return None;
         }
-        let first = self.first.get_or_insert_with(|| ExactPath::new(0, tracer.frame.exact_ray(point)));
+        let first = self.first.get_or_insert_with(|| ExactPath::new(0, case.first_ray()));
         if let Ok(answer) = question.ask(case, first) {
             return Some(answer);
         }
@@ -243,7 +267,7 @@ impl Refiner {
         {
             return Some(answer);
         }
-        let last = self.last.get_or_insert_with(|| Box::new(ExactPath::new(0, tracer.frame.exact_ray(point))));
+        let last = self.last.get_or_insert_with(|| Box::new(ExactPath::new(0, case.first_ray())));
         if let Ok(answer) = question.ask(case, &mut **last) {
             return Some(answer);
         }
@@ -302,8 +326,7 @@ impl Refiner {
 }
 
 impl Tracer {
-    /// Where `ray` meets a giant that is not pictured, as it is described around the eye: if that is right to nearly
-    /// the last digits, as what else would be asked for this place is.
+    /// Where `ray` meets a giant that is not pictured, as it is described around the eye, if that is right enough.
     pub(super) fn giant_interaction(
         &self,
         ray: &Ray,
@@ -312,8 +335,7 @@ impl Tracer {
         throughput: f64,
     ) -> Option<SurfaceInteraction> {
         let interaction = self.prepared.giants.interaction(ray, met, from)?;
-        let tight = interaction.ep <= 256.0 * U * interaction.p.norm1() && interaction.en <= 256.0 * U;
-        (tight && !self.is_pictured(met.id.0) && !self.too_wide(&interaction, throughput)).then_some(interaction)
+        (!self.is_pictured(met.id.0) && !self.too_wide(&interaction, throughput)).then_some(interaction)
     }
 
     /// Whether the values at `place` may be too far from the real ones for a picture.

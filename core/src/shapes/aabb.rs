@@ -16,6 +16,11 @@ impl Aabb {
         Self { lo: self.lo.min(p), hi: self.hi.max(p) }
     }
 
+    /// How far its farthest corner is from the origin.
+    pub(crate) fn farthest(&self) -> f64 {
+        self.lo.abs().max(self.hi.abs()).length()
+    }
+
     /// Wider by `by` on every side.
     pub(crate) fn padded(self, by: f64) -> Self {
         Self { lo: self.lo - by, hi: self.hi + by }

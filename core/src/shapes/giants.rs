@@ -10,7 +10,7 @@ use super::sphere::giant::GiantSphere;
 use super::triangle::giant::GiantTriangle;
 use super::{Aabb, Decision, Kind, Local, ObjectId, Ray, SPHERES, SurfaceInteraction, TRIANGLES, kind, plane, sphere};
 use crate::bvh::KINDS;
-use crate::numeric::{Big, V3, Vector};
+use crate::numeric::{Big, DoubleDouble, V3, Vector};
 use crate::scene::Scene;
 
 /// A giant is so many times farther across than it is from the eye.
@@ -28,6 +28,8 @@ pub(super) const LOST: i64 = 1000;
 #[derive(Debug, Default)]
 pub(crate) struct Giants {
     pub(crate) spheres: Vec<(u32, GiantSphere)>,
+    /// The same spheres to twice the digits.
+    double_spheres: Vec<GiantSphere<DoubleDouble>>,
     pub(crate) triangles: Vec<(u32, GiantTriangle)>,
 }
 
@@ -63,10 +65,12 @@ impl Giants {
         candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         candidates.truncate(4 * MOST);
         let eye = scene.camera().location();
+        let mut spheres = Vec::new();
         for (_, id) in candidates {
             match kind(scene, ObjectId(id)) {
-                Kind::Sphere(i) if giants.spheres.len() < MOST && kept[usize::from(SPHERES)].contains(&id) => {
-                    giants.spheres.extend(GiantSphere::new(&scene.spheres()[i], eye, local.power).map(|s| (id, s)));
+                Kind::Sphere(i) if spheres.len() < MOST && kept[usize::from(SPHERES)].contains(&id) => {
+                    let giant = GiantSphere::new(&scene.spheres()[i], eye, local.power);
+                    spheres.extend(giant.map(|(giant, double)| (id, giant, double)));
                 }
                 Kind::Triangle(i) if giants.triangles.len() < MOST && kept[usize::from(TRIANGLES)].contains(&id) => {
                     giants
@@ -76,7 +80,9 @@ impl Giants {
                 _ => {}
             }
         }
-        giants.spheres.sort_unstable_by_key(|(id, _)| *id);
+        spheres.sort_unstable_by_key(|(id, ..)| *id);
+        giants.spheres = spheres.iter().map(|(id, giant, _)| (*id, *giant)).collect();
+        giants.double_spheres = spheres.iter().map(|(.., double)| *double).collect();
         giants.triangles.sort_unstable_by_key(|(id, _)| *id);
         giants
     }
@@ -87,11 +93,18 @@ impl Giants {
         Some(&self.spheres[at].1)
     }
 
+    /// The sphere of this id to twice the digits, if it is a giant.
+    pub(super) fn double_sphere(&self, id: u32) -> Option<&GiantSphere<DoubleDouble>> {
+        let at = self.spheres.binary_search_by_key(&id, |(id, _)| *id).ok()?;
+        Some(&self.double_spheres[at])
+    }
+
     /// The triangle of this id, if it is a giant.
     pub(crate) fn triangle(&self, id: u32) -> Option<&GiantTriangle> {
         let at = self.triangles.binary_search_by_key(&id, |(id, _)| *id).ok()?;
         Some(&self.triangles[at].1)
     }
+
     /// Where `ray`, which starts on `from`, meets `met`, if that is a giant.
     pub(crate) fn interaction(&self, ray: &Ray, met: Decision, from: Option<Decision>) -> Option<SurfaceInteraction> {
         match (self.triangle(met.id.0), self.sphere(met.id.0)) {

@@ -57,9 +57,12 @@ pub(crate) fn interaction_double(
     match object {
         DoubleObject::Plane(plane) => plane::interaction(ray, plane),
         DoubleObject::Triangle(triangle) => triangle::interaction(ray, triangle),
-        DoubleObject::Sphere(sphere) => {
-            let own = from.is_some_and(|f| f.id == decision.id);
-            sphere::interaction(ray, sphere, flag(decision.inside), flag(own))
+        DoubleObject::Sphere(sphere, giant) => {
+            let own = flag(from.is_some_and(|f| f.id == decision.id));
+            let found = sphere::interaction(ray, sphere, flag(decision.inside), own);
+            let around_eye = giant.map(|giant| sphere::giant_interaction(ray, &giant, flag(decision.inside), own));
+            // Written so that a bound that is not a number is never the better one.
+            around_eye.filter(|a| a.ep < found.ep).unwrap_or(found)
         }
     }
 }

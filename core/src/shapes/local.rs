@@ -3,8 +3,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::giants::Giants;
 use super::object::{Kind, ObjectId, kind};
 use super::plane::{self, LocalPlane};
+use super::sphere::giant::GiantSphere;
 use super::sphere::{self, LocalSphere};
 use super::triangle::{self, LocalTriangle};
 use crate::numeric::{Big, DoubleDouble, V3};
@@ -127,13 +129,16 @@ impl Local {
     }
 
     /// Object `id` in local space to twice the digits; `None` where differences may overflow.
-    pub(crate) fn double(&self, scene: &Scene, id: ObjectId) -> Option<DoubleObject> {
+    pub(crate) fn double(&self, scene: &Scene, giants: &Giants, id: ObjectId) -> Option<DoubleObject> {
         if self.quarters {
             return None;
         }
         Some(match kind(scene, id) {
             Kind::Plane(i) => DoubleObject::Plane(self.double_planes[i]),
-            Kind::Sphere(i) => DoubleObject::Sphere(LocalSphere::double(&scene.spheres()[i], self.spheres[i].r, self)),
+            Kind::Sphere(i) => {
+                let sphere = LocalSphere::double(&scene.spheres()[i], self.spheres[i].r, self);
+                DoubleObject::Sphere(sphere, giants.double_sphere(id.0).copied())
+            }
             Kind::Triangle(i) => DoubleObject::Triangle(LocalTriangle::double(&scene.triangles()[i], self)),
         })
     }
@@ -143,6 +148,7 @@ impl Local {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum DoubleObject {
     Plane(LocalPlane<DoubleDouble>),
-    Sphere(LocalSphere<DoubleDouble>),
+    /// And as it is around the eye, if it is a giant.
+    Sphere(LocalSphere<DoubleDouble>, Option<GiantSphere<DoubleDouble>>),
     Triangle(LocalTriangle<DoubleDouble>),
 }

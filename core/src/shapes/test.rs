@@ -47,10 +47,13 @@ pub(crate) fn test_double(
     own: Option<Decision>,
 ) -> Option<Span<DoubleDouble>> {
     match (object, own) {
-        (DoubleObject::Sphere(sphere), Some(own)) if own.inside => sphere::test_from_inside(ray, sphere),
+        (DoubleObject::Sphere(_, Some(giant)), Some(own)) if own.inside => sphere::giant::test_from_inside(ray, giant),
+        (DoubleObject::Sphere(sphere, None), Some(own)) if own.inside => sphere::test_from_inside(ray, sphere),
         (_, Some(_)) => None,
         (DoubleObject::Plane(plane), _) => plane::test(ray, plane),
         (DoubleObject::Triangle(triangle), _) => triangle::test(ray, triangle),
-        (DoubleObject::Sphere(sphere), _) => sphere::test(ray, sphere),
+        (DoubleObject::Sphere(sphere, Some(giant)), _) => sphere::giant::test(ray, giant)
+            .and_then(|span| if span.sure { Some(span) } else { sphere::test(ray, sphere) }),
+        (DoubleObject::Sphere(sphere, None), _) => sphere::test(ray, sphere),
     }
 }

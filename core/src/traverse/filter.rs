@@ -3,11 +3,15 @@
 //! Rounding to f32 is covered by the bounds of `traverse::packet`, which hold for values within 2⁻²⁴ of
 //! local space.
 
+use rayon::prelude::*;
+
 use super::packet::Leaves;
 use crate::bvh::{Boxes, Coordinate};
 use crate::scene::Scene;
 use crate::shapes::giants::Giants;
-use crate::shapes::{Local, SPHERES, TRIANGLES, first_sphere, first_triangle, plane, sphere, triangle};
+use crate::shapes::{
+    Local, ObjectId, SPHERES, TRIANGLES, bounds, first_sphere, first_triangle, plane, sphere, triangle,
+};
 
 /// What packets meet.
 #[derive(Debug)]
@@ -18,7 +22,7 @@ pub(crate) struct Filter {
     /// Objects far larger than what is seen of them; what stands for them in leaves is never met.
     pub(crate) giant_spheres: Vec<sphere::filter::Giant>,
     pub(crate) giant_triangles: Vec<triangle::filter::Giant>,
-    /// Everything finite is at most this far from the origin.
+    /// Everything in leaves that is met there is at most this far from the origin.
     pub(crate) reach: f32,
 }
 
@@ -46,13 +50,23 @@ impl Filter {
         let planes: Vec<_> = local.planes.iter().map(plane::filter::Plane::new).collect();
         // Planes and lights beyond what f32 can square need f64 throughout.
         let near = planes.iter().all(|p| p.h.abs() < 1e12) && local.lights.iter().all(|l| l.abs().max_element() < 1e12);
+        let giant = |id: u32| spheres.iter().any(|s| s.id == id) || triangles.iter().any(|t| t.id == id);
+        let all = bvh.radius();
+        let reach = if spheres.is_empty() && triangles.is_empty() {
+            all
+        } else {
+            // Of a box that reaches so much farther than what is met in it, the far side's rounding does not matter.
+            let far = |id: &u32| bounds(scene, local, ObjectId(*id)).farthest();
+            let others = bvh.ids.par_iter().flatten().filter(|id| !giant(**id)).map(far).reduce(|| 0.0, f64::max);
+            all.min(2.0 * others)
+        };
         near.then(|| Self {
             triangles: Leaves::new(bvh, TRIANGLES, triangle),
             spheres: Leaves::new(bvh, SPHERES, sphere),
             planes,
             giant_spheres: spheres.clone(),
             giant_triangles: triangles.clone(),
-            reach: (bvh.radius() * (1.0 + 1e-6)) as f32,
+            reach: (reach * (1.0 + 1e-6)) as f32,
         })
     }
 }

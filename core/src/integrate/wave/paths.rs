@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::film::PlanePoint;
-use crate::integrate::refine::{Case, Refined, Refiner};
+use crate::integrate::refine::{Case, Refined, Refiner, Start};
 use crate::integrate::{RayCounts, Refinement, Tracer};
 use crate::numeric::U;
 use crate::scene::Pigment;
@@ -110,9 +110,14 @@ impl Paths<'_> {
         self.far = some.iter().map(|&path| (path, self.met(path as usize, STEPS as usize))).collect();
     }
 
-    /// Puts a question about `path` to its refiner, with what that path met before this step.
-    fn ask<A>(&mut self, path: usize, question: impl FnOnce(&mut Refiner, &Case<'_>) -> A) -> A {
+    /// Puts a question about ray `i` to its path's refiner, with what that path met before this step.
+    fn ask<A>(&mut self, rays: &Rays, i: usize, question: impl FnOnce(&mut Refiner, &Case<'_>) -> A) -> A {
         self.counts.refined += 1;
+        let (tracer, path) = (self.tracer, rays.path[i] as usize);
+        if tracer.is_given(rays.throughput[i]) {
+            let start = Start::Given(rays.one(i), Decision::of(rays.own[i]));
+            return question(&mut Refiner::default(), &Case { tracer, start, trail: &[] });
+        }
         if self.refiners.is_empty() {
             self.refiners.resize_with(self.points.len(), || None);
         }
@@ -124,7 +129,7 @@ impl Paths<'_> {
                 &near
             }
         };
-        let case = Case { tracer: self.tracer, point: self.points[path], trail };
+        let case = Case { tracer, start: Start::Camera(self.points[path]), trail };
         question(self.refiners[path].get_or_insert_default(), &case)
     }
 
@@ -156,7 +161,7 @@ impl Paths<'_> {
             }
             Closest::Doubt => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                let found = self.ask(rays.path[i] as usize, |refiner, case| refiner.closest(case, &candidates));
+                let found = self.ask(rays, i, |refiner, case| refiner.closest(case, &candidates));
                 found.map_or(NONE, Decision::code)
             }
         };
@@ -188,7 +193,7 @@ impl Paths<'_> {
             (Occluded::Doubt, _) if self.tracer.refinement == Refinement::Off => self.query.likely_occluded(),
             (Occluded::Doubt, Some(met)) => {
                 let candidates: Vec<_> = self.query.candidates().collect();
-                self.ask(rays.path[i] as usize, |refiner, case| refiner.occluded(case, met, light, &candidates))
+                self.ask(rays, i, |refiner, case| refiner.occluded(case, met, light, &candidates))
             }
         }
     }
@@ -212,7 +217,7 @@ impl Paths<'_> {
             interactions.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
         let throughput = rays.throughput[i];
         let found =
-            self.ask(rays.path[i] as usize, |refiner, case| refiner.interaction(case, met, throughput, goes_on));
+            self.ask(rays, i, |refiner, case| refiner.interaction(case, met, throughput, goes_on));
         let Some(refined) = found else { return };
         interactions.set(i, &refined.interaction);
         let material = tracer.material(met.id);

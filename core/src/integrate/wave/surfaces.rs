@@ -182,6 +182,11 @@ impl Stage<'_> {
                 }
                 (d, ed) = (three::<S>(&lanes, 0), S::F64x8::load(&lanes[3]));
             }
+            // Rays that are given have no errors.
+            let known = throughput - S::F64x8::splat(self.tracer.given);
+            let zero = S::F64x8::splat(0.0);
+            let eo = known.if_positive(load::<S>(&interactions.ep, at), zero);
+            let ed = known.if_positive(ed, zero);
             let to = next.count;
             let o = super::lanes::load3::<S>(&interactions.p, at);
             for (v, x) in next.o.iter_mut().zip([o.x, o.y, o.z]) {
@@ -190,7 +195,7 @@ impl Stage<'_> {
             for (v, x) in next.d.iter_mut().zip([d.x, d.y, d.z]) {
                 x.compress(goes_on).store(eight_at_mut(v, to));
             }
-            load::<S>(&interactions.ep, at).compress(goes_on).store(eight_at_mut(&mut next.eo, to));
+            eo.compress(goes_on).store(eight_at_mut(&mut next.eo, to));
             ed.compress(goes_on).store(eight_at_mut(&mut next.ed, to));
             throughput.compress(goes_on).store(eight_at_mut(&mut next.throughput, to));
             *eight_at_mut(&mut next.own, to) = S::compress(super::lanes::eight_at(&interactions.met, at), goes_on);

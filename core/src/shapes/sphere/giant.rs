@@ -12,7 +12,7 @@
 
 use glam::DVec3;
 
-use crate::numeric::{Big, Real, Scalar, TINY, V3, Vector};
+use crate::numeric::{Big, DoubleDouble, Real, Scalar, TINY, V3, Vector};
 use crate::scene::Sphere;
 use crate::shapes::giants::{LOST, WIDE, known, vector};
 use crate::shapes::{Ray, Span};
@@ -26,8 +26,9 @@ pub(crate) struct GiantSphere<R = f64> {
 }
 
 impl GiantSphere {
-    /// The sphere as it is around `eye`, in local space of this power; `None` where it is not a giant that f64 holds.
-    pub(crate) fn new(s: &Sphere, eye: DVec3, power: i32) -> Option<Self> {
+    /// The sphere as it is around `eye`, in local space of this power, and the same to twice the digits; `None` where it
+    /// is not a giant that f64 holds.
+    pub(crate) fn new(s: &Sphere, eye: DVec3, power: i32) -> Option<(Self, GiantSphere<DoubleDouble>)> {
         let eye = Vector::<WIDE>::new(eye);
         let (c, r) = (Vector::<WIDE>::new(s.center) - eye, Big::<WIDE>::new(s.radius));
         let (cc, rr, power) = (c.dot(&c), r * r, i64::from(power));
@@ -35,12 +36,18 @@ impl GiantSphere {
         let k = (cc - rr).over(twice);
         // The eye is as near as a giant's has to be.
         let near = known(&k, rr.exponent() - r.exponent())?;
-        if k.exponent() > r.exponent() - 9 {
+        if k.exponent() > r.exponent() - 9 || near == 0.0 {
             return None;
         }
-        let q = known(&twice.reciprocal().scale(power), i64::MIN + LOST)?;
-        let k = known(&k.scale(-power), i64::MIN + LOST)?;
-        (near != 0.0).then(|| Self { m: vector(&-(c * r.reciprocal())), q, k })
+        let (m, q, k) = (-(c * r.reciprocal()), twice.reciprocal().scale(power), k.scale(-power));
+        let all = i64::MIN + LOST;
+        let giant = Self { m: vector(&m), q: known(&q, all)?, k: known(&k, all)? };
+        let nearest = DoubleDouble::nearest::<WIDE>;
+        // What is next to nothing may be beyond f64's normal numbers, and is 0 as in f64.
+        let part = |x: &Big<WIDE>, rounded: f64| if rounded == 0.0 { DoubleDouble::splat(0.0) } else { nearest(x) };
+        let [x, y, z] = &m.0;
+        let m = V3 { x: part(x, giant.m.x), y: part(y, giant.m.y), z: part(z, giant.m.z) };
+        Some((giant, GiantSphere { m, q: nearest(&q), k: nearest(&k) }))
     }
 }
 
