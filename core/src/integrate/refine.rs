@@ -326,18 +326,6 @@ impl Refiner {
 }
 
 impl Tracer {
-    /// Where `ray` meets a giant that is not pictured, as it is described around the eye, if that is right enough.
-    pub(super) fn giant_interaction(
-        &self,
-        ray: &Ray,
-        met: Decision,
-        from: Option<Decision>,
-        throughput: f64,
-    ) -> Option<SurfaceInteraction> {
-        let interaction = self.prepared.giants.interaction(ray, met, from)?;
-        (!self.is_pictured(met.id.0) && !self.too_wide(&interaction, throughput)).then_some(interaction)
-    }
-
     /// Whether the values at `place` may be too far from the real ones for a picture.
     pub(super) fn too_wide(&self, interaction: &SurfaceInteraction, throughput: f64) -> bool {
         let lights = &self.prepared.local.lights;

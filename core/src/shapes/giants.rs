@@ -5,18 +5,19 @@ use std::sync::{Mutex, PoisonError};
 
 use glam::DVec3;
 
-use super::interaction::flag;
+use super::plane::LocalPlane;
 use super::sphere::giant::GiantSphere;
 use super::triangle::giant::GiantTriangle;
-use super::{Aabb, Decision, Kind, Local, ObjectId, Ray, SPHERES, SurfaceInteraction, TRIANGLES, kind, plane, sphere};
+use super::{Aabb, Kind, Local, ObjectId, SPHERES, TRIANGLES, kind};
 use crate::bvh::KINDS;
 use crate::numeric::{Big, DoubleDouble, V3, Vector};
 use crate::scene::Scene;
+use crate::simd::{F64x8, Simd, three};
 
 /// A giant is so many times farther across than it is from the eye.
 const RATIO: f64 = 512.0;
-/// It is at least this large in local space: the largest things there are of about 1/4.
-const LEAST: f64 = 1.0 / 256.0;
+/// It is at least this large in local space, where the largest things are of about 1/4: a planet beside its sun is.
+const LEAST: f64 = 1.0 / (1u64 << 40) as f64;
 /// So many of each kind are kept at most, for every packet meets them all.
 const MOST: usize = 32;
 /// Limbs in which they are found.
@@ -99,22 +100,39 @@ impl Giants {
         Some(&self.double_spheres[at])
     }
 
+    /// The spheres `ids`, one in each lane, if one of them is a giant; of what is none, nothing is known.
+    #[inline(always)]
+    pub(crate) fn eight_spheres<S: Simd>(&self, ids: &[u32; 8]) -> Option<GiantSphere<S::F64x8>> {
+        let mut lanes = [[f64::NAN; 8]; 5];
+        let mut any = false;
+        for (k, id) in ids.iter().enumerate() {
+            if let Some(s) = self.sphere(*id) {
+                (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k], lanes[4][k]) = (s.m.x, s.m.y, s.m.z, s.q, s.k);
+                any = true;
+            }
+        }
+        let (q, k) = (S::F64x8::load(&lanes[3]), S::F64x8::load(&lanes[4]));
+        any.then(|| GiantSphere { m: three::<S>(&lanes, 0), q, k })
+    }
+
+    /// The planes of triangles `ids`, as [`Self::eight_spheres`].
+    #[inline(always)]
+    pub(crate) fn eight_triangles<S: Simd>(&self, ids: &[u32; 8]) -> Option<LocalPlane<S::F64x8>> {
+        let mut lanes = [[f64::NAN; 8]; 4];
+        let mut any = false;
+        for (k, id) in ids.iter().enumerate() {
+            if let Some(GiantTriangle { plane: LocalPlane { n, h }, .. }) = self.triangle(*id) {
+                (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k]) = (n.x, n.y, n.z, *h);
+                any = true;
+            }
+        }
+        any.then(|| LocalPlane { n: three::<S>(&lanes, 0), h: S::F64x8::load(&lanes[3]) })
+    }
+
     /// The triangle of this id, if it is a giant.
     pub(crate) fn triangle(&self, id: u32) -> Option<&GiantTriangle> {
         let at = self.triangles.binary_search_by_key(&id, |(id, _)| *id).ok()?;
         Some(&self.triangles[at].1)
-    }
-
-    /// Where `ray`, which starts on `from`, meets `met`, if that is a giant.
-    pub(crate) fn interaction(&self, ray: &Ray, met: Decision, from: Option<Decision>) -> Option<SurfaceInteraction> {
-        match (self.triangle(met.id.0), self.sphere(met.id.0)) {
-            (Some(giant), _) => Some(plane::interaction(ray, &giant.plane)),
-            (None, Some(giant)) => {
-                let own = from.is_some_and(|f| f.id == met.id);
-                Some(sphere::giant_interaction(ray, giant, flag(met.inside), flag(own)))
-            }
-            (None, None) => None,
-        }
     }
 }
 

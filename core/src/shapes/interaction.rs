@@ -32,6 +32,20 @@ impl SurfaceInteraction {
     }
 }
 
+impl<R: Real> SurfaceInteraction<R> {
+    /// In each lane the one of two that is less misplaced; `b` where that cannot be told.
+    #[inline(always)]
+    pub(crate) fn better(a: Self, b: Self) -> Self {
+        let better = b.ep - a.ep;
+        Self {
+            p: V3::if_positive(better, a.p, b.p),
+            ep: better.if_positive(a.ep, b.ep),
+            n: V3::if_positive(better, a.n, b.n),
+            en: better.if_positive(a.en, b.en),
+        }
+    }
+}
+
 /// The point of the ray at `t`, which is off by `et`, and the bound on how far it is misplaced.
 #[inline(always)]
 pub(super) fn point<R: Real>(ray: &Ray<R>, t: R, et: R) -> (V3<R>, R) {
@@ -60,9 +74,13 @@ pub(crate) fn interaction_double(
         DoubleObject::Sphere(sphere, giant) => {
             let own = flag(from.is_some_and(|f| f.id == decision.id));
             let found = sphere::interaction(ray, sphere, flag(decision.inside), own);
-            let around_eye = giant.map(|giant| sphere::giant_interaction(ray, &giant, flag(decision.inside), own));
-            // Written so that a bound that is not a number is never the better one.
-            around_eye.filter(|a| a.ep < found.ep).unwrap_or(found)
+            match giant {
+                Some(giant) => {
+                    let around_eye = sphere::giant_interaction(ray, giant, flag(decision.inside), own);
+                    SurfaceInteraction::better(around_eye, found)
+                }
+                None => found,
+            }
         }
     }
 }

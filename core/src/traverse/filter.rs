@@ -13,6 +13,10 @@ use crate::shapes::{
     Local, ObjectId, SPHERES, TRIANGLES, bounds, first_sphere, first_triangle, plane, sphere, triangle,
 };
 
+/// Boxes are wider by this share of their distance from the origin, for what f32 misplaces rays by there: so that
+/// nothing far away widens those that are near. See `traverse::packet`.
+pub(super) const SLACK: f64 = 12.0 / (1 << 24) as f64;
+
 /// What packets meet.
 #[derive(Debug)]
 pub(crate) struct Filter {
@@ -55,10 +59,9 @@ impl Filter {
         let reach = if spheres.is_empty() && triangles.is_empty() {
             all
         } else {
-            // Of a box that reaches so much farther than what is met in it, the far side's rounding does not matter.
             let far = |id: &u32| bounds(scene, local, ObjectId(*id)).farthest();
             let others = bvh.ids.par_iter().flatten().filter(|id| !giant(**id)).map(far).reduce(|| 0.0, f64::max);
-            all.min(2.0 * others)
+            all.min(others)
         };
         near.then(|| Self {
             triangles: Leaves::new(bvh, TRIANGLES, triangle),

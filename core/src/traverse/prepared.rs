@@ -7,7 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::coplanar::Coplanar;
-use super::filter::Filter;
+use super::filter::{self, Filter};
 use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
 use crate::scene::Scene;
 use crate::shapes::giants::{Candidates, Giants};
@@ -59,7 +59,7 @@ impl PreparedScene {
     /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
     fn boxes(scene: &Scene, local: &Local, candidates: &Candidates) -> (Boxes, f64, usize) {
         let outgrown = AtomicUsize::new(0);
-        let (singles, flat) = items::<f32>(scene, local, &|id, b| {
+        let (singles, flat) = items::<f32>(scene, local, filter::SLACK, &|id, b| {
             candidates.see(id, b);
             if grows(b) {
                 outgrown.fetch_add(1, Ordering::Relaxed);
@@ -69,7 +69,7 @@ impl PreparedScene {
         let builder = Builder::new([first_triangle(scene)], singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
-            Boxes::F64(hierarchy(items::<f64>(scene, local, &|_, _| ()).0, &builder))
+            Boxes::F64(hierarchy(items::<f64>(scene, local, 0.0, &|_, _| ()).0, &builder))
         } else {
             Boxes::F32(hierarchy(singles, &builder))
         };
@@ -91,15 +91,21 @@ fn grows(b: &Aabb) -> bool {
     !(perimeter(lo, hi) <= 1.5 * perimeter(b.lo, b.hi))
 }
 
-/// The boxes of all spheres and of all triangles with an area, and how many have none. `see` is
-/// called with each id and its box before that is rounded.
-fn items<T: Coordinate>(scene: &Scene, local: &Local, see: &(dyn Fn(u32, &Aabb) + Sync)) -> (Vec<Item<T>>, usize) {
+/// The boxes of all spheres and of all triangles with an area, wider by `slack` of their distance from the origin, and
+/// how many triangles have no area. `see` is called with each id and its box before that is widened and rounded.
+fn items<T: Coordinate>(
+    scene: &Scene,
+    local: &Local,
+    slack: f64,
+    see: &(dyn Fn(u32, &Aabb) + Sync),
+) -> (Vec<Item<T>>, usize) {
     let first = first_sphere(scene);
     let item = |i: u32| {
         let id = first + i;
-        let b = bounds(scene, local, ObjectId(id));
+        let mut b = bounds(scene, local, ObjectId(id));
         if b != Aabb::EMPTY {
             see(id, &b);
+            b = b.padded(slack * b.farthest());
         }
         Item::new(b.lo.to_array().map(T::down), b.hi.to_array().map(T::up), id)
     };

@@ -63,7 +63,7 @@ impl Stage<'_> {
         let turn = ed * s(1.1) + s(10.0 * U32);
         ((eo + far * (turn + s(2.0 * U32))) * up).store(&mut packet.near);
         (turn * up).store(&mut packet.per);
-        ((eo + turn * (far + s(self.reach))) * s(1.1)).store(&mut packet.pad);
+        ((eo + turn * far + ed * s(1.1 * self.reach)) * s(1.1)).store(&mut packet.pad);
         // Squares of lengths that f32 holds to its full precision.
         let dd = d.x * d.x + d.y * d.y + d.z * d.z;
         far.lt(s(self.far)) & s(1e-36).lt(dd) & dd.lt(s(1e30))

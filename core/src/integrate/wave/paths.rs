@@ -207,17 +207,10 @@ impl Paths<'_> {
             interactions.set(i, &interactions.one(i).taken_as_it_is());
             return;
         }
-        if let Some(interaction) =
-            tracer.giant_interaction(&rays.one(i), met, Decision::of(rays.own[i]), rays.throughput[i])
-        {
-            interactions.set(i, &interaction);
-            return;
-        }
         let goes_on =
             interactions.reflect[i] * rays.throughput[i] > 0.0 && self.step + 1 < tracer.settings.max_depth as usize;
         let throughput = rays.throughput[i];
-        let found =
-            self.ask(rays, i, |refiner, case| refiner.interaction(case, met, throughput, goes_on));
+        let found = self.ask(rays, i, |refiner, case| refiner.interaction(case, met, throughput, goes_on));
         let Some(refined) = found else { return };
         interactions.set(i, &refined.interaction);
         let material = tracer.material(met.id);

@@ -27,7 +27,7 @@ impl Stage<'_> {
         kinds: &mut Kinds,
         paths: &mut Paths,
     ) {
-        let PreparedScene { local, scene, .. } = &*self.tracer.prepared;
+        let PreparedScene { local, scene, giants, .. } = &*self.tracer.prepared;
         interactions.reset(rays.count);
         let (planes, spheres) = (first_sphere(scene), first_triangle(scene));
         kinds.counts = [0; 4];
@@ -52,21 +52,28 @@ impl Stage<'_> {
                 inner[k] = if met[k] & INSIDE != 0 { 1.0 } else { 0.0 };
                 same[k] = if own[k] != NONE && (met[k] ^ own[k]) & !INSIDE == 0 { 1.0 } else { 0.0 };
             }
-            let interaction = sphere::interaction(
-                &rays.pick::<S>(&at),
-                &sphere::eight::<S>(&local.spheres, &ids, planes),
-                S::F64x8::load(&inner),
-                S::F64x8::load(&same),
-            );
+            let (ray, inner, same) = (rays.pick::<S>(&at), S::F64x8::load(&inner), S::F64x8::load(&same));
+            let mut interaction =
+                sphere::interaction(&ray, &sphere::eight::<S>(&local.spheres, &ids, planes), inner, same);
+            if !giants.spheres.is_empty()
+                && let Some(giant) = giants.eight_spheres::<S>(&ids)
+            {
+                let around_eye = sphere::giant_interaction(&ray, &giant, inner, same);
+                interaction = SurfaceInteraction::better(around_eye, interaction);
+            }
             self.put::<S>(rays, interactions, &at, &ids, &interaction);
         }
         for at in (0..kinds.counts[2]).step_by(8) {
             let at = Eight::of(&kinds.lists[2], at, kinds.counts[2]);
             let ids = at.take(&interactions.met);
-            let interaction = triangle::interaction(
-                &rays.pick::<S>(&at),
-                &triangle::eight::<S>(local, scene.triangles(), &ids, spheres),
-            );
+            let ray = rays.pick::<S>(&at);
+            let mut interaction =
+                triangle::interaction(&ray, &triangle::eight::<S>(local, scene.triangles(), &ids, spheres));
+            if !giants.triangles.is_empty()
+                && let Some(plane) = giants.eight_triangles::<S>(&ids)
+            {
+                interaction = SurfaceInteraction::better(plane::interaction(&ray, &plane), interaction);
+            }
             self.put::<S>(rays, interactions, &at, &ids, &interaction);
         }
         for &i in &kinds.lists[3][..kinds.counts[3]] {

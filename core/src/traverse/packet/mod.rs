@@ -5,9 +5,11 @@
 //! eo + ed(|o| + V) + u|o| + u(|o| + V); of a plane's offset h − n·o, 2uV + 5u|o| is lost, of n·d
 //! 4u|d|, of a point's weights 6u·slope·V, of a sphere's q 5u(|o| + V) + 2uV. All of it is less than
 //! pos = eo + (1.1·ed + 12u)·|o| + (1.1·ed + 10u)·V. A plane met at cosine c is then met within
-//! pos/c, and weights are off by at most slope·pos·(1.2 + 1/c). Boxes moved outward by pad =
-//! 1.1·(eo + (1.1·ed + 10u)(|o| + reach)) are met wherever the real ray meets them: (lo − o)·(1/d)
-//! carries four roundings, less than 4u·(|o| + reach) in lo.
+//! pos/c, and weights are off by at most slope·pos·(1.2 + 1/c). Boxes that are wider than what is in them by 12u·V
+//! ([`super::filter::SLACK`]) and then moved outward by pad = 1.1·(eo + (1.1·ed + 10u)|o| + 1.1·ed·reach) are met
+//! wherever the real ray meets that: (lo − o)·(1/d) carries four roundings, less than 4u·(|o| + |lo|) in lo. That is
+//! covered up to |lo| = 2V; and where a box that holds others reaches farther, its side is so far from what is met
+//! that its rounding does not matter.
 //!
 //! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
 
