@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use tessera_core::film::Region;
+use tessera_core::settings::Settings;
 use tessera_core::trace::{PreparedScene, Refinement, Tracer};
 use tessera_tests::callgrind::{Record, alone, bench, count};
 use tessera_tests::generate::Document;
@@ -24,10 +25,11 @@ fn counted(cliff: &Cliff) -> bool {
     !cliff.name.ends_with("-10") && !cliff.name.ends_with("-100")
 }
 
-fn trace(document: &Document, refinement: Refinement) {
+fn trace(document: &Document, depth: u32, refinement: Refinement) {
     let scene = Arc::new(document.scene().expect("the scene is valid"));
     let prepared = Arc::new(PreparedScene::build(scene));
-    let tracer = Tracer::new(prepared, settings(64, 48)).expect("settings are in range").with_refinement(refinement);
+    let settings = Settings { max_depth: depth, ..settings(64, 48) };
+    let tracer = Tracer::new(prepared, settings).expect("settings are in range").with_refinement(refinement);
     let region = Region::new(0, 0, 64, 48).expect("not empty");
     let (tile, _) = alone(|| tracer.render(region));
     assert_eq!(tile.pixels.len(), 64 * 48);
@@ -38,9 +40,9 @@ fn run(kernel: &str) {
     let (name, apart) = kernel.split_once('/').map_or((kernel, false), |(name, _)| (name, true));
     let cliff = cliffs().into_iter().find(|c| c.name == name).unwrap_or_else(|| panic!("no cliff '{name}'"));
     match (apart, &cliff.apart) {
-        (false, _) => trace(&cliff.exact, Refinement::On),
-        (true, Some(document)) => trace(document, Refinement::On),
-        (true, None) => trace(&cliff.exact, Refinement::Off),
+        (false, _) => trace(&cliff.exact, cliff.depth, Refinement::On),
+        (true, Some(document)) => trace(document, cliff.depth, Refinement::On),
+        (true, None) => trace(&cliff.exact, cliff.depth, Refinement::Off),
     }
 }
 

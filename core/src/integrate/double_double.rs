@@ -1,9 +1,10 @@
 //! A path followed to twice the digits of f64.
 //!
-//! Most of what f64 leaves open is clear in double-double, by the same tests. Small curved mirrors far from one another magnify errors by thousands each, so that after a
-//! few of them f64 has no digits left while decisions are still clear. The formulas of
-//! `integrate::shade` then give the same place in double-double, at a fraction of what the refiner
-//! takes; what they cannot bound tightly enough goes there.
+//! Most of what f64 leaves open is clear in double-double, by the same tests. Small curved mirrors far from one another
+//! magnify errors by thousands each, so that after a few of them f64 has no digits left while decisions are still
+//! clear. The formulas of `integrate::shade` then give the same place in double-double, at a fraction of what the
+//! refiner takes, and what is met from there is asked in f64 first, now that the ray is known so well. What cannot be
+//! bound tightly enough goes to the refiner.
 
 use super::refine::{Case, Refined, Start};
 use super::shade;
@@ -11,8 +12,8 @@ use crate::numeric::{DoubleDouble, Real, U, V3};
 use crate::shapes::{Decision, ObjectId, Ray, Span, SurfaceInteraction, interaction_double, test_double};
 use crate::traverse::{Closest, Occluded, Scratch};
 
-/// Longer paths are left to the refiner, which remembers how far it has followed them.
-const SHORT: usize = 8;
+/// Longer paths are left to the refiner: few of them have digits left.
+const SHORT: usize = 64;
 
 /// A path as far as it was followed.
 pub(super) struct DoubleDoublePath {

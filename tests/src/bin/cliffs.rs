@@ -29,7 +29,7 @@ fn time(tracer: &Tracer) -> (f64, RayCounts) {
 }
 
 fn measure(cliff: &Cliff, rounds: u32) -> Result<(), String> {
-    let settings = settings(320, 240);
+    let settings = Settings { max_depth: cliff.depth, ..settings(320, 240) };
     let exact = prepare(&cliff.exact, settings, Refinement::On)?;
     let apart = match &cliff.apart {
         Some(apart) => prepare(apart, settings, Refinement::On)?,

@@ -13,6 +13,8 @@ pub struct Cliff {
     pub exact: Document,
     /// The same a hair apart, or without its copies; `None`: the same scene, what is in doubt left to f64.
     pub apart: Option<Document>,
+    /// Rays in a path at most.
+    pub depth: u32,
     /// How many times as long the exact one may take at most.
     pub limit: f64,
 }
@@ -159,6 +161,11 @@ fn planet() -> Document {
     d.light(-30.0, 50.0, -30.0).light(1e5, 2e5, -1e5)
 }
 
+/// The same under a moon.
+fn moon(d: Document) -> Document {
+    d.sphere(dvec3(1e8, 1e8, 3.6e8), 1.7e6, Look::matte(0.9, 0.9, 0.9))
+}
+
 /// A town of boxes on the ground, or a hair above it.
 fn town(gap: f64) -> Document {
     let mut r = Random::new(31);
@@ -188,6 +195,7 @@ pub fn cliffs() -> Vec<Cliff> {
         name: name.to_owned(),
         exact,
         apart: Some(apart),
+        depth: 6,
         limit,
     };
     let mut all = vec![
@@ -204,6 +212,11 @@ pub fn cliffs() -> Vec<Cliff> {
     all.push(cliff("strips-1e6", strips(1e6), strips(2.0), 3.0));
     all.push(cliff("strips-1e15", strips(1e15), strips(2.0), 3.0));
     all.push(cliff("rug-20000", rug(20_000, 0.3, 0.0), rug(20_000, 0.3, 1e-6), 3.0));
-    all.push(Cliff { name: "planet".into(), exact: planet(), apart: None, limit: 1.3 });
+    // By default, what is mirrored is followed that far.
+    for (name, depth) in [("planet", 6), ("planet-deep", 16)] {
+        all.push(Cliff { name: name.into(), exact: planet(), apart: None, depth, limit: 1.3 });
+    }
+    all.push(cliff("moon", moon(balls(1)), balls(1), 1.5));
+    all.push(cliff("planet-and-moon", moon(planet()), planet(), 3.0));
     all
 }

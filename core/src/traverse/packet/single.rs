@@ -175,16 +175,17 @@ impl<S: Simd> Journey<'_, S> {
             triangle::filter::intersect(&ray, &triangle::filter::Triangle::all(&leaf), all)
         } else {
             let leaf = self.filter.spheres.leaf(start, count);
-            let mut m = sphere::filter::intersect(&ray, &sphere::filter::Sphere::all(&leaf), all);
+            let sphere = sphere::filter::Sphere::all(&leaf);
+            let mut m = sphere::filter::intersect(&ray, &sphere, all);
             let own = self.packet.own[lane];
             if own & INSIDE != 0 && own != NONE {
                 let mut within = 0;
                 for i in 0..count {
                     within |= u8::from(id(&leaf, i) | INSIDE == own) << i;
                 }
-                m.may |= within;
-                m.sure &= !within;
-                m.lo = S::F32x8::splat(0.0).select(within, m.lo);
+                if within != 0 {
+                    m = sphere::filter::from_inside(&ray, &sphere, within, m);
+                }
             }
             m
         };

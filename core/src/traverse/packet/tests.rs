@@ -1,10 +1,14 @@
-//! Numbers that are none decide nothing.
+//! Numbers that are none decide nothing; what starts inside a sphere meets it where f32 says.
 
+use glam::DVec3;
 use proptest::prelude::*;
 
 use super::rays::Rays;
 use super::{LANES, Mask, Packet};
+use crate::numeric::V3;
 use crate::sampling::points::mix;
+use crate::shapes::filter::U32;
+use crate::shapes::sphere::LocalSphere;
 use crate::shapes::{plane, sphere, triangle};
 use crate::simd::{F32x16, Kernel, Level, MOST, Simd, dispatch};
 
@@ -108,6 +112,73 @@ proptest! {
             for (what, may, sure) in dispatch(level, &case) {
                 prop_assert_eq!(may & case.spoilt, case.spoilt, "{:?} rejects a {}", level, what);
                 prop_assert_eq!(sure & case.spoilt, 0, "{:?} is sure of a {}", level, what);
+            }
+        }
+    }
+}
+
+/// Rays from places on a sphere's inner side to others, sixteen each of so many numbers.
+struct Chords {
+    rays: [[f32; LANES]; 8],
+    sphere: [f32; sphere::filter::NUMBERS],
+}
+
+impl Kernel for &Chords {
+    type Output = (Mask, [[f32; LANES]; 2]);
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Self::Output {
+        let [x, y, z, u, v, w, near, per] = self.rays;
+        let packet = Packet { o: [x, y, z], d: [u, v, w], near, per, ..Packet::default() };
+        let ray = Rays::<S>::new(&packet).ray;
+        let rows = self.sphere.map(|x| [x; MOST]);
+        let sphere = sphere::filter::Sphere::one(&rows, 0);
+        let m = sphere::filter::intersect(&ray, &sphere, Mask::MAX);
+        let m = sphere::filter::from_inside(&ray, &sphere, Mask::MAX, m);
+        let mut ends = [[0.0; LANES]; 2];
+        m.lo.store(&mut ends[0]);
+        m.hi.store(&mut ends[1]);
+        (m.sure & m.may & m.inside, ends)
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #[test]
+    fn from_inside_the_other_root_lies_where_f32_says(mut seed in any::<u64>(), size in -9i32..0, off in -9i32..3) {
+        let mut next = || {
+            seed = mix(seed, 1);
+            (seed >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let r = libm::exp2(f64::from(size)) * (1.5 + 0.5 * next());
+        let c = DVec3::new(next(), next(), next()) * libm::exp2(f64::from(off));
+        let mut chords = Chords { rays: [[0.0; LANES]; 8], sphere: [0.0; sphere::filter::NUMBERS] };
+        chords.sphere = sphere::filter::row(&LocalSphere { c: V3::splat(c), r }, 0.0);
+        let mut real = [0.0; LANES];
+        for lane in 0..LANES {
+            let mut place = || c + DVec3::new(next(), next(), next()).normalize() * r;
+            let (from, to) = (place(), place());
+            // Some chords are short, and directions have any length.
+            let long = libm::exp2(20.0 * next());
+            let d = (to - from) * long;
+            real[lane] = 1.0 / long;
+            let (o, d, far) = (from.as_vec3().to_array(), d.as_vec3().to_array(), from.length() as f32);
+            for k in 0..3 {
+                (chords.rays[k][lane], chords.rays[3 + k][lane]) = (o[k], d[k]);
+            }
+            // As a wave fills packets, of rays that are exact but for their rounding here.
+            let turn = 10.0 * U32 + 1e-15 / (to - from).length() as f32;
+            chords.rays[6][lane] = (1e-15 + far * (turn + 2.0 * U32)) * 1.000_001;
+            chords.rays[7][lane] = turn * 1.000_001;
+        }
+        for level in Level::all() {
+            let (sure, [lo, hi]) = dispatch(level, &chords);
+            prop_assert_eq!(sure, Mask::MAX, "{:?}", level);
+            for lane in 0..LANES {
+                let t = real[lane];
+                prop_assert!(
+                    f64::from(lo[lane]) <= t && t <= f64::from(hi[lane]),
+                    "{:?}: {} is not in {} to {}", level, t, lo[lane], hi[lane]
+                );
             }
         }
     }

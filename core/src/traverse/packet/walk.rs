@@ -385,11 +385,10 @@ impl<'a, S: Simd> Journey<'a, S> {
             let outside = S::equal(&self.packet.own, id);
             let within = S::equal(&self.packet.own, id | INSIDE);
             let mask = mask & !outside;
-            let mut m = sphere::filter::intersect(&self.rays.ray, &sphere::filter::Sphere::one(&leaf, i), mask);
+            let sphere = sphere::filter::Sphere::one(&leaf, i);
+            let mut m = sphere::filter::intersect(&self.rays.ray, &sphere, mask);
             if within & mask != 0 {
-                m.may |= within & mask;
-                m.sure &= !within;
-                m.lo = S::F32x16::splat(0.0).select(within, m.lo);
+                m = sphere::filter::from_inside(&self.rays.ray, &sphere, within & mask, m);
             }
             if m.may != 0 {
                 visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);
