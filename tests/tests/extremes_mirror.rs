@@ -8,7 +8,7 @@ use tessera_core::film::Region;
 use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, View};
 use tessera_core::trace::{PreparedScene, Tracer};
 use tessera_tests::compare::{Image, assert_same_picture, difference};
-use tessera_tests::generate::{Document, Item, Look, globe};
+use tessera_tests::generate::{Document, Item, Look, Random, globe};
 use tessera_tests::oracle::Oracle;
 use tessera_tests::subject::{Subject, assert_right, assert_right_under, settings};
 
@@ -75,6 +75,35 @@ fn case_56_square_orbit_in_a_mirrored_sphere() {
         let actual = Subject::new(&d).render(&settings);
         println!("depth {depth}: off by {:.1e}", difference(&expected.image, &actual).largest);
         assert_same_picture(&format!("case_56_{depth}"), &expected.image, &actual);
+    }
+}
+
+/// Balls near the eye that mirror one another and `around`.
+fn balls(around: Item, reflect: f64) -> Document {
+    let mut r = Random::new(41);
+    let mut d = Document::new(dvec3(0.1, 1.7, -6.0), dvec3(0.0, 1.2, 0.0)).with_background(0.5, 0.7, 0.9).with(around);
+    for _ in 0..25 {
+        let (at, radius) =
+            (dvec3(r.between(-3.0, 3.0), r.between(0.4, 2.5), r.between(-3.0, 5.0)), r.between(0.1, 0.5));
+        d = d.sphere(at, radius, Look::new(r.unit(), r.unit(), r.unit(), 0.9 - reflect, reflect));
+    }
+    d.light(2.0, 4.0, -3.0).light(-3.0, 3.5, -4.0)
+}
+
+/// What is too faint to show is not decided in wide numbers, and does not show.
+#[test]
+fn faint_light_is_off_by_no_more_than_values_may_be() {
+    let planet = |reflect| Item::Sphere(dvec3(0.0, -6e6, 0.0), 6e6, None, Look::new(0.5, 0.6, 0.4, 0.9, reflect));
+    let dome = |reflect| Item::Sphere(dvec3(0.0, 1.0, 0.0), 8.0, None, Look::new(0.8, 0.7, 0.6, 0.5, reflect));
+    // The last sends out more than it takes in.
+    for (name, around, reflect) in
+        [("planet", planet(0.1), 0.2), ("dome", dome(0.3), 0.4), ("bright", planet(0.8), 0.6), ("room", dome(0.5), 0.8)]
+    {
+        let (document, settings) = (balls(around, reflect), deep(20, 15, 12));
+        let expected = Oracle::new(&document.scene().unwrap(), 2048).render(&settings);
+        let off = difference(&expected.image, &Subject::new(&document).render(&settings)).largest;
+        println!("{name}: off by {off:.1e}");
+        assert!(off < 1.0 / 4096.0, "{name}: off by {off:.1e}");
     }
 }
 

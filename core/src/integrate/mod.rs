@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use crate::bvh::{Boxes, Bvh};
 use crate::film::transfer::to_linear;
 use crate::film::{GRID, PlanePoint};
-use crate::scene::{Pigment, TextureId};
+use crate::scene::{Pigment, Scene, TextureId};
 use crate::settings::{Sampling, Settings};
 use crate::shapes::texture::{self, Mapping};
 use crate::shapes::{ObjectId, kind};
@@ -170,7 +170,7 @@ impl Tracer {
             unwanted: None,
             frame: Frame::new(scene.camera(), &settings.view, grid),
             materials,
-            given: (shade::VALUE / background.max_element().max(scene.lights().len() as f64)).min(0.5),
+            given: given(&scene, settings.max_depth, background),
             background,
             texels: scene.textures().iter().map(|p| Texels::new(p, |x| to_linear(settings.transfer, x))).collect(),
             mappings: texture::mappings(&scene, &prepared.local).into(),
@@ -245,9 +245,7 @@ impl Tracer {
         }
     }
 
-    /// Whether a mirrored ray of this weight is taken as it is. No point sends more light than the background or all
-    /// lights together, since what a surface scatters and mirrors is no more than what reaches it: all that such a
-    /// ray's error can do to a pixel is below what values may be off by.
+    /// Whether a mirrored ray of this weight is taken as it is: see [`given`].
     pub(crate) fn is_given(&self, throughput: f64) -> bool {
         throughput <= self.given
     }
@@ -298,6 +296,17 @@ impl Tracer {
     ) {
         dispatch(self.level, Wave { tracer: self, points, least, out, scratch, counts });
     }
+}
+
+/// The weight up to which mirrored rays are taken as they are: all that comes along them is below what values may be off
+/// by. Where no surface sends out more than it takes in, no point sends more than the background or all lights together;
+/// else each mirror may add all lights once more.
+fn given(scene: &Scene, max_depth: u32, background: DVec3) -> f64 {
+    let brightest = background.max_element().max(scene.lights().len() as f64);
+    let bright = scene.surfaces().iter().any(|s| s.diffuse + s.reflect > 1.0 + 1e-9);
+    let times = if bright { f64::from(max_depth) + 1.0 } else { 1.0 };
+    // Rays from the camera are never taken so.
+    (shade::VALUE / (brightest * times)).min(0.5)
 }
 
 /// Visits the cells of a grid so that sixteen in a row make a packet: squares of 4 × 4.

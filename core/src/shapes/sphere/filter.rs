@@ -15,7 +15,7 @@ pub(crate) const NUMBERS: usize = 6;
 /// Squares of lesser radii, and what they are rounded by, are not for f32.
 const LEAST_RADIUS: f64 = 1e-15;
 
-/// A point that no ray of a scene comes near.
+/// A point that no ray of a scene comes near; nothing else reaches no farther than the origin.
 const NEVER: [f32; NUMBERS] = [1e15, -0.7e15, 0.3e15, 0.0, 0.0, f32::NAN];
 
 /// The numbers of a sphere whose id is `id` as a number.
@@ -101,7 +101,8 @@ pub(crate) fn intersect<F: Floats>(r: &Ray<F>, sphere: &Sphere<F>, mask: F::Mask
 }
 
 /// What was found of a sphere, where rays `within` start on its inner side: they surely meet it again, at the root of
-/// −2(oc·d)/d², which is off by no more than in f64 with its bounds.
+/// −2(oc·d)/d², which is off by no more than in f64 with its bounds. What stands for a giant here is not met: giants are
+/// asked for apart.
 #[inline(always)]
 pub(crate) fn from_inside<F: Floats>(
     r: &Ray<F>,
@@ -110,6 +111,7 @@ pub(crate) fn from_inside<F: Floats>(
     m: Intersection<F>,
 ) -> Intersection<F> {
     let s = F::splat;
+    let within = within & s(0.0).lt(sphere.reach);
     let oc = each!(k => r.o[k] - sphere.c[k]);
     let t = Ray::dot(oc, &r.d) * r.dd_inv * s(-2.0);
     let e = s(4.0) * r.pos(sphere.reach) * r.inv_len + s(32.0 * U32) * t.abs();
