@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DVec3, dvec3};
+use rayon::prelude::*;
 use tessera_core::film::Region;
 use tessera_core::settings::{AuditRate, Detail, Pass, Sampling, Settings, Tolerance, View};
 use tessera_core::trace::{PreparedScene, Tracer};
@@ -105,6 +106,37 @@ fn faint_light_is_off_by_no_more_than_values_may_be() {
         println!("{name}: off by {off:.1e}");
         assert!(off < 1.0 / 4096.0, "{name}: off by {off:.1e}");
     }
+}
+
+/// What is faint is taken as it is, and yet does not meet what lies in the plane that it leaves: every level agrees with
+/// f64 alone (which [`Subject::trace`] demands) where mirrors lie over one another in exact planes.
+#[test]
+fn faint_light_leaves_the_plane_it_starts_in() {
+    (0..400u64).into_par_iter().for_each(|seed| {
+        let mut r = Random::new(1000 + seed);
+        let mut pick = |from: &[f64]| from[(r.unit() * from.len() as f64) as usize % from.len()];
+        let reflect = pick(&[0.01, 0.02, 0.1]);
+        let look = Look::new(0.9, 0.7, 0.5, 0.9, reflect);
+        let mut d = Document::new(dvec3(0.3, 2.2, -4.5), dvec3(0.0, 1.5, 0.0)).with_background(0.3, 0.5, 0.7);
+        for _ in 0..3 {
+            let [a, e1, e2] = [0, 1, 2].map(|_| {
+                let of = &[0.0, 0.0, 1.0, 2.0, -1.0, 3.0, -2.0];
+                dvec3(pick(of), pick(of), pick(of))
+            });
+            for _ in 0..8 {
+                let steps = &[-3.0, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0];
+                d = d.triangle([0, 1, 2].map(|_| a + e1 * pick(steps) + e2 * pick(steps)), look);
+            }
+        }
+        for _ in 0..6 {
+            let halves = &[-2.0, -1.5, -1.0, 0.5, 1.0, 1.5, 2.0, 3.0];
+            d = d.sphere(dvec3(pick(halves), pick(halves), pick(halves)), pick(&[0.25, 0.4, 0.5, 1.0]), look);
+        }
+        let d = d.plane(DVec3::Y, 0.0, look).light(1.0, 4.5, -3.0);
+        if d.scene().is_ok() {
+            let _ = Subject::new(&d).trace(&deep(24, 18, 8));
+        }
+    });
 }
 
 #[test]

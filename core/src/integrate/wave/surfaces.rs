@@ -189,11 +189,10 @@ impl Stage<'_> {
                 }
                 (d, ed) = (three::<S>(&lanes, 0), S::F64x8::load(&lanes[3]));
             }
-            // Rays that are given have no errors.
-            let known = throughput - S::F64x8::splat(self.tracer.given);
-            let zero = S::F64x8::splat(0.0);
-            let eo = known.if_positive(load::<S>(&interactions.ep, at), zero);
-            let ed = known.if_positive(ed, zero);
+            // The directions of rays that are given have no errors. Their starts keep theirs: within them lies the plane
+            // that a ray starts in, and what lies in it is not met.
+            let shows = throughput - S::F64x8::splat(self.tracer.given);
+            let ed = shows.if_positive(ed, S::F64x8::splat(0.0));
             let to = next.count;
             let o = super::lanes::load3::<S>(&interactions.p, at);
             for (v, x) in next.o.iter_mut().zip([o.x, o.y, o.z]) {
@@ -202,7 +201,7 @@ impl Stage<'_> {
             for (v, x) in next.d.iter_mut().zip([d.x, d.y, d.z]) {
                 x.compress(goes_on).store(eight_at_mut(v, to));
             }
-            eo.compress(goes_on).store(eight_at_mut(&mut next.eo, to));
+            load::<S>(&interactions.ep, at).compress(goes_on).store(eight_at_mut(&mut next.eo, to));
             ed.compress(goes_on).store(eight_at_mut(&mut next.ed, to));
             throughput.compress(goes_on).store(eight_at_mut(&mut next.throughput, to));
             *eight_at_mut(&mut next.own, to) = S::compress(super::lanes::eight_at(&interactions.met, at), goes_on);
