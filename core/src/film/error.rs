@@ -10,8 +10,14 @@ impl Sum {
     /// The nearest sum to `x`; what is not a number, or too large, is the largest there is.
     #[must_use]
     pub fn new(x: f64) -> Self {
-        let units = (x * Self::UNIT).round();
-        // `as` saturates.
+        let units = x * Self::UNIT;
+        if units.abs() < 9e15 {
+            // To the nearest, as `round` does, by what every processor has.
+            let whole = units as i64;
+            let rest = units - whole as f64;
+            return Self(i128::from(whole + i64::from(rest >= 0.5) - i64::from(rest <= -0.5)));
+        }
+        // Whole already; `as` saturates.
         Self(if units.is_nan() { i128::MAX } else { units as i128 })
     }
 

@@ -13,7 +13,7 @@ use std::cell::Cell;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::audit::{self, Audited};
+use super::audit::{Audit, Audited};
 use super::composite::Composite;
 use super::coverage::{self, Shapes};
 use super::pixel::{Pixel, Rule};
@@ -38,46 +38,31 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
     let mut error = ErrorEstimate::default();
     let mut counts = RayCounts::default();
     let rule = Rule::new(tolerance);
+    let audit = Audit { tracer, tolerance, rate };
     for piece in region.blocks(PIECE) {
-        let first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &rule, &mut counts);
-        let blocks: Vec<_> = piece
-            .blocks(BLOCK)
+        let mut first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &rule, &mut counts);
+        let blocks = piece.blocks(BLOCK);
+        let composites = first.composites_of(&blocks);
+        let done: Vec<_> = blocks
             .into_par_iter()
-            .map(|block| {
+            .zip(composites)
+            .map(|(block, composites)| {
                 WaveScratch::with(|scratch| {
-                    let mut counts = RayCounts::default();
-                    let (pixels, composites) = Buffers::with(|buffers| {
-                        Refinement { tracer, scratch, counts: &mut counts }.refine(block, &rule, &first, buffers)
-                    });
-                    let mut done: Vec<Audited> = block_pixels(block)
-                        .zip(&pixels)
-                        .map(|(at, p)| Audited {
-                            at,
-                            value: p.mean(),
-                            points: p.points,
-                            expected: p.error(),
-                            open: !p.is_known(),
-                            parts: None,
-                        })
-                        .collect();
-                    for c in &composites {
-                        let at = ((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize;
-                        let pixel = Audited { value: c.mean(), expected: c.error(), parts: Some(c), ..done[at] };
-                        done[at] = pixel;
-                    }
-                    let mut error = ErrorEstimate::default();
-                    done.iter().for_each(|p| error.add(p.expected));
-                    audit::audit(tracer, &done, tolerance, rate, scratch, &mut counts, &mut error);
-                    (block, done.iter().map(|p| p.value).collect::<Vec<_>>(), error, counts)
+                    let (mut error, mut counts) = (ErrorEstimate::default(), RayCounts::default());
+                    let mut block = Block::new(block, &first, composites);
+                    block.refine(tracer, &rule, scratch, &mut counts);
+                    let (values, drawn) = block.finish(&audit, &mut error);
+                    audit.check(&drawn, scratch, &mut counts, &mut error);
+                    (block.region, values, error, counts)
                 })
             })
             .collect();
-        for (block, part, e, c) in blocks {
+        for (block, values, e, c) in done {
             error += e;
             counts += c;
-            for ((x, y), p) in block_pixels(block).zip(&part) {
-                let at = (y - region.y0) as usize * region.width() as usize + (x - region.x0) as usize;
-                pixels[at] = p.to_array().map(|c| c as f32);
+            for (y, row) in (block.y0..block.y1).zip(values.chunks_exact(block.width() as usize)) {
+                let at = (y - region.y0) as usize * region.width() as usize + (block.x0 - region.x0) as usize;
+                pixels[at..at + row.len()].copy_from_slice(row);
             }
         }
     }
@@ -120,40 +105,74 @@ pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
 /// Pixels after their first points.
 struct First {
     region: Region,
+    /// Row by row.
     pixels: Vec<Pixel>,
     /// The variances of their samples; NaN of what is proven, or good enough: of it nothing is learnt about others.
+    /// With a border of NaN, so that all pixels have neighbours.
     variances: Vec<f64>,
     /// Those of them that have parts.
     composites: Vec<Composite>,
 }
 
 impl First {
-    fn index(&self, (x, y): (u32, u32)) -> usize {
-        (y - self.region.y0) as usize * self.region.width() as usize + (x - self.region.x0) as usize
-    }
-
-    fn at(&self, at: (u32, u32)) -> &Pixel {
-        &self.pixels[self.index(at)]
-    }
-
-    /// The variance of the samples in pixel (x, y) and around it. A line that is seen in one of them is known
-    /// to pass the others.
-    fn pooled(&self, (x, y): (u32, u32)) -> f64 {
-        let Region { x0, y0, x1, y1 } = self.region;
-        let (mut sum, mut weights) = (0.0, 0.0);
-        let (from, to) = (x.max(x0 + 1) - 1, (x + 2).min(x1));
-        for j in y.max(y0 + 1) - 1..(y + 2).min(y1) {
-            let row = &self.variances[self.index((from, j))..][..(to - from) as usize];
-            for (i, variance) in (from..to).zip(row) {
-                if variance.is_nan() {
-                    continue;
+    /// Puts together what `blocks`, which fill `region` row by row, have row by row.
+    fn new(region: Region, blocks: &[(Region, Vec<Pixel>)], composites: Vec<Composite>) -> Self {
+        let mut pixels = Vec::with_capacity(region.area() as usize);
+        for band in blocks.chunk_by(|(a, _), (b, _)| a.y0 == b.y0) {
+            for y in 0..band[0].0.height() as usize {
+                for (block, part) in band {
+                    let width = block.width() as usize;
+                    pixels.extend_from_slice(&part[y * width..][..width]);
                 }
-                let weight = [4.0, 2.0, 1.0][(x.abs_diff(i) + y.abs_diff(j)) as usize];
-                sum += weight * variance;
-                weights += weight;
             }
         }
-        sum / weights
+        let width = region.width() as usize;
+        let mut variances = Vec::with_capacity((width + 2) * (region.height() as usize + 2));
+        variances.resize(width + 2, f64::NAN);
+        for row in pixels.chunks_exact(width) {
+            variances.push(f64::NAN);
+            variances.extend(row.iter().map(|p| if p.has_variance() { p.variance() } else { f64::NAN }));
+            variances.push(f64::NAN);
+        }
+        variances.resize(variances.len() + width + 2, f64::NAN);
+        Self { region, pixels, variances, composites }
+    }
+
+    /// The pixels (x0, y) to (x1, y), x1 excluded.
+    fn row(&self, y: u32, (x0, x1): (u32, u32)) -> &[Pixel] {
+        let at = (y - self.region.y0) as usize * self.region.width() as usize + (x0 - self.region.x0) as usize;
+        &self.pixels[at..at + (x1 - x0) as usize]
+    }
+
+    /// Adds the variances of the samples in and around the pixels of such a row to `pooled`. A line that is seen in
+    /// one pixel is known to pass the others.
+    fn pooled(&self, y: u32, (x0, x1): (u32, u32), pooled: &mut Vec<f64>) {
+        let (stride, n) = (self.region.width() as usize + 2, (x1 - x0) as usize);
+        let at = (y - self.region.y0) as usize * stride + (x0 - self.region.x0) as usize;
+        let [above, here, below] = [0, 1, 2].map(|k| &self.variances[at + k * stride..][..n + 2]);
+        pooled.extend((0..n).map(|i| {
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for (row, of) in [(above, [1.0, 2.0, 1.0]), (here, [2.0, 4.0, 2.0]), (below, [1.0, 2.0, 1.0])] {
+                for (variance, weight) in row[i..i + 3].iter().zip(of) {
+                    let is_known = !variance.is_nan();
+                    sum += if is_known { weight * variance } else { 0.0 };
+                    weights += if is_known { weight } else { 0.0 };
+                }
+            }
+            sum / weights
+        }));
+    }
+
+    /// Gives away what has parts, by the blocks that it lies in.
+    fn composites_of(&mut self, blocks: &[Region]) -> Vec<Vec<Composite>> {
+        let mut all: Vec<Vec<Composite>> = blocks.iter().map(|_| Vec::new()).collect();
+        for composite in std::mem::take(&mut self.composites) {
+            let (x, y) = composite.at;
+            if let Some(k) = blocks.iter().position(|b| (b.x0..b.x1).contains(&x) && (b.y0..b.y1).contains(&y)) {
+                all[k].push(composite);
+            }
+        }
+        all
     }
 }
 
@@ -226,145 +245,173 @@ fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, rule: &Rule, cou
         .into_par_iter()
         .map(|block| {
             let mut counts = RayCounts::default();
-            let mut order = Vec::new();
-            packets(block.width(), block.height(), |i, j| order.push((block.x0 + i, block.y0 + j)));
             let doubts = Doubts::new(tracer, block, tolerance, rule);
             let composites = doubts.composites(tracer, block);
             let mut pixels = vec![Pixel::default(); block.area() as usize];
             Buffers::with(|Buffers { points, samples }| {
-                for &at in &order {
-                    if doubts.at(at) == 0.0 {
+                // Where each pixel is in the block, how much is in doubt of it, and its first points.
+                let mut order = Vec::with_capacity(pixels.len());
+                packets(block.width(), block.height(), |i, j| {
+                    let at = (block.x0 + i, block.y0 + j);
+                    let doubt = f64::from(doubts.at(at));
+                    let n = if doubt == 0.0 { 1 } else { rule.first(doubt) };
+                    order.push((j * block.width() + i, doubt, n));
+                    if doubt == 0.0 {
                         points.push(centre(view, at.0, at.1));
                     } else {
                         let sequence = Sequence::new(view, at, PICTURE);
-                        points.extend((0..rule.first(doubts.at(at).into())).map(|k| sequence.point(k)));
+                        points.extend((0..n).map(|k| sequence.point(k)));
                     }
-                }
+                });
                 samples.resize(points.len(), Sample::BLANK);
                 WaveScratch::with(|scratch| tracer.trace(points, 0.0, samples, scratch, &mut counts));
+                let mut rest = &samples[..];
+                for (at, doubt, n) in order {
+                    let (these, behind) = rest.split_at(n as usize);
+                    rest = behind;
+                    let pixel = &mut pixels[at as usize];
+                    if doubt == 0.0 {
+                        *pixel = Pixel::known(these[0].radiance);
+                    } else {
+                        *pixel = Pixel::doubted(doubt);
+                        pixel.add(n, these.iter().map(|s| s.radiance));
+                    }
+                }
+            });
+            ((block, pixels), composites, counts)
+        })
+        .collect();
+    let (mut blocks, mut composites) = (Vec::with_capacity(done.len()), Vec::new());
+    for (block, more, c) in done {
+        *counts += c;
+        composites.extend(more);
+        blocks.push(block);
+    }
+    First::new(region, &blocks, composites)
+}
+
+/// The pixels of a block while they are sampled further.
+struct Block {
+    region: Region,
+    /// Row by row.
+    pixels: Vec<Pixel>,
+    /// What has parts, and which of the pixels that is, by rising numbers.
+    composites: Vec<Composite>,
+    apart: Vec<u32>,
+}
+
+impl Block {
+    /// With what is expected of each pixel after the first points, those around it taken into account.
+    fn new(region: Region, first: &First, mut composites: Vec<Composite>) -> Self {
+        let across = (region.x0, region.x1);
+        let (mut pixels, mut pooled) = (Vec::with_capacity(region.area() as usize), Vec::new());
+        for y in region.y0..region.y1 {
+            pixels.extend_from_slice(first.row(y, across));
+            first.pooled(y, across, &mut pooled);
+        }
+        for (pixel, variance) in pixels.iter_mut().zip(&pooled) {
+            if pixel.has_variance() {
+                pixel.expect(*variance);
+            } else if !pixel.is_known() {
+                pixel.expect_hidden();
+            }
+        }
+        let index = |c: &Composite| (c.at.1 - region.y0) * region.width() + c.at.0 - region.x0;
+        composites.sort_unstable_by_key(index);
+        let apart: Vec<u32> = composites.iter().map(index).collect();
+        for (composite, at) in composites.iter_mut().zip(&apart) {
+            if pixels[*at as usize].has_variance() {
+                composite.among(pooled[*at as usize]);
+            }
+        }
+        Self { region, pixels, composites, apart }
+    }
+
+    /// Where its `k`-th pixel is in the picture.
+    fn place(&self, k: u32) -> (u32, u32) {
+        (self.region.x0 + k % self.region.width(), self.region.y0 + k / self.region.width())
+    }
+
+    /// Pixels of one part that may want points, as packets have them.
+    fn open(&self) -> Vec<u32> {
+        let mut open = Vec::with_capacity(self.pixels.len());
+        packets(self.region.width(), self.region.height(), |i, j| {
+            let k = j * self.region.width() + i;
+            if !self.pixels[k as usize].is_known() && self.apart.binary_search(&k).is_err() {
+                open.push(k);
+            }
+        });
+        open
+    }
+
+    /// Samples pixels and parts until none is worth more points.
+    fn refine(&mut self, tracer: &Tracer, rule: &Rule, scratch: &mut WaveScratch, counts: &mut RayCounts) {
+        let view = &tracer.settings().view;
+        let mut pixels = self.open();
+        let mut composites: Vec<usize> = (0..self.composites.len()).collect();
+        Buffers::with(|Buffers { points, samples }| {
+            loop {
+                points.clear();
+                let mut wanted = Vec::new();
+                for k in pixels.drain(..) {
+                    let pixel = &self.pixels[k as usize];
+                    let doublings = pixel.doublings(rule, 1.0);
+                    if doublings > 0 {
+                        wanted.push((k, doublings));
+                        let sequence = Sequence::new(view, self.place(k), PICTURE);
+                        points.extend((pixel.next..pixel.next << doublings).map(|k| sequence.point(k)));
+                    }
+                }
+                let mut parts = Vec::new();
+                for k in composites.drain(..) {
+                    let more = self.composites[k].wanted(rule);
+                    if more.iter().any(|n| *n > 0) {
+                        self.composites[k].ask(view, &more, points);
+                        parts.push((k, more));
+                    }
+                }
+                if points.is_empty() {
+                    return;
+                }
+                samples.resize(points.len(), Sample::BLANK);
+                tracer.trace(points, 0.0, samples, scratch, counts);
                 let mut rest = &samples[..];
                 let mut next = |n: usize| {
                     let (these, behind) = rest.split_at(n);
                     rest = behind;
                     these
                 };
-                for at in order {
-                    let pixel = &mut pixels[((at.1 - block.y0) * block.width() + at.0 - block.x0) as usize];
-                    if doubts.at(at) == 0.0 {
-                        *pixel = Pixel::known(next(1)[0].radiance);
-                        continue;
+                for (k, doublings) in wanted {
+                    let pixel = &mut self.pixels[k as usize];
+                    for _ in 0..doublings {
+                        pixel.add(pixel.next, next(pixel.next as usize).iter().map(|s| s.radiance));
                     }
-                    let doubt = f64::from(doubts.at(at));
-                    let n = rule.first(doubt);
-                    *pixel = Pixel::doubted(doubt);
-                    pixel.add(n, next(n as usize).iter().map(|s| s.radiance));
+                    pixels.push(k);
                 }
-            });
-            (block, pixels, composites, counts)
-        })
-        .collect();
-    let mut composites = Vec::new();
-    let mut pixels = vec![Pixel::default(); region.area() as usize];
-    for (block, part, more, c) in done {
-        *counts += c;
-        composites.extend(more);
-        for (y, row) in (block.y0..block.y1).zip(part.chunks_exact(block.width() as usize)) {
-            let at = (y - region.y0) as usize * region.width() as usize + (block.x0 - region.x0) as usize;
-            pixels[at..at + row.len()].copy_from_slice(row);
-        }
-    }
-    let variances = pixels.iter().map(|p| if p.has_variance() { p.variance() } else { f64::NAN }).collect();
-    First { region, pixels, variances, composites }
-}
-
-/// Samples a block's pixels further.
-struct Refinement<'a> {
-    tracer: &'a Tracer,
-    scratch: &'a mut WaveScratch,
-    counts: &'a mut RayCounts,
-}
-
-impl Refinement<'_> {
-    fn refine(
-        &mut self,
-        block: Region,
-        rule: &Rule,
-        first: &First,
-        buffers: &mut Buffers,
-    ) -> (Vec<Pixel>, Vec<Composite>) {
-        let view = &self.tracer.settings().view;
-        let mut pixels: Vec<Pixel> = block_pixels(block)
-            .map(|at| {
-                let mut pixel = *first.at(at);
-                if pixel.has_variance() {
-                    pixel.expect(first.pooled(at));
-                } else if !pixel.is_known() {
-                    pixel.expect_hidden();
+                for (k, more) in parts {
+                    self.composites[k].take(view, &more, next(more.iter().sum::<u32>() as usize));
+                    composites.push(k);
                 }
-                pixel
-            })
-            .collect();
-        let inside = |(x, y): (u32, u32)| (block.x0..block.x1).contains(&x) && (block.y0..block.y1).contains(&y);
-        let mut composites: Vec<Composite> = first.composites.iter().filter(|c| inside(c.at)).cloned().collect();
-        composites.iter_mut().filter(|c| first.at(c.at).has_variance()).for_each(|c| c.among(first.pooled(c.at)));
-        let mut apart = vec![false; pixels.len()];
-        composites
-            .iter()
-            .for_each(|c| apart[((c.at.1 - block.y0) * block.width() + c.at.0 - block.x0) as usize] = true);
-        let mut active = Vec::new();
-        packets(block.width(), block.height(), |i, j| {
-            let at = j * block.width() + i;
-            if !apart[at as usize] {
-                active.push(at);
             }
         });
-        let mut open: Vec<usize> = (0..composites.len()).collect();
-        let Buffers { points, samples } = buffers;
-        loop {
-            let mut wanted = Vec::new();
-            points.clear();
-            for &at in &active {
-                let pixel = &pixels[at as usize];
-                let doublings = pixel.doublings(rule, 1.0);
-                if doublings > 0 {
-                    wanted.push((at, doublings));
-                    let (i, j) = (at % block.width(), at / block.width());
-                    let sequence = Sequence::new(view, (block.x0 + i, block.y0 + j), PICTURE);
-                    points.extend((pixel.next..pixel.next << doublings).map(|k| sequence.point(k)));
-                }
+    }
+
+    /// The pixels' values, and which of them are drawn to be audited; what they are expected to err by goes to `error`.
+    fn finish(&self, audit: &Audit<'_>, error: &mut ErrorEstimate) -> (Vec<[f32; 3]>, Vec<Audited<'_>>) {
+        let mut values = Vec::with_capacity(self.pixels.len());
+        let mut drawn = Vec::new();
+        let mut composites = self.apart.iter().zip(&self.composites).peekable();
+        for (k, pixel) in (0..).zip(&self.pixels) {
+            let parts = composites.next_if(|(at, _)| **at == k).map(|(_, composite)| composite);
+            let (value, expected) = parts.map_or_else(|| (pixel.mean(), pixel.error()), |c| (c.mean(), c.error()));
+            error.add(expected);
+            let at = self.place(k);
+            if let Some(probability) = audit.draws(at, expected, !pixel.is_known()) {
+                drawn.push(Audited { at, value, points: pixel.points, probability, parts });
             }
-            let mut parts = Vec::new();
-            for &at in &open {
-                let more = composites[at].wanted(rule);
-                if more.iter().any(|n| *n > 0) {
-                    composites[at].ask(view, &more, points);
-                    parts.push((at, more));
-                }
-            }
-            if points.is_empty() {
-                return (pixels, composites);
-            }
-            samples.resize(points.len(), Sample::BLANK);
-            self.tracer.trace(points, 0.0, samples, self.scratch, self.counts);
-            let mut next = 0;
-            for &(at, doublings) in &wanted {
-                let pixel = &mut pixels[at as usize];
-                for _ in 0..doublings {
-                    let n = pixel.next as usize;
-                    pixel.add(n as u32, samples[next..next + n].iter().map(|s| s.radiance));
-                    next += n;
-                }
-            }
-            for (at, more) in &parts {
-                let n = more.iter().sum::<u32>() as usize;
-                composites[*at].take(view, more, &samples[next..next + n]);
-                next += n;
-            }
-            active.clear();
-            active.extend(wanted.iter().map(|(at, _)| *at));
-            open.clear();
-            open.extend(parts.iter().map(|(at, _)| *at));
+            values.push(value.to_array().map(|c| c as f32));
         }
+        (values, drawn)
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::adaptive::block_pixels;
-use super::audit::{self, Audited};
+use super::audit::{Audit, Audited};
 use super::points::{Sequence, hash};
 use crate::film::{ErrorEstimate, Region, Tile};
 use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch};
@@ -43,10 +43,14 @@ pub(crate) fn render(tracer: &Tracer, region: Region, step: u32, rate: AuditRate
     WaveScratch::with(|scratch| {
         tracer.trace(&points, 0.0, &mut samples, scratch, &mut counts);
         block_pixels(region).for_each(|_| error.add(0.0));
-        let done: Vec<Audited> = block_pixels(region)
-            .map(|at| Audited { at, value: value(&samples, at), points: 1, expected: 0.0, open: true, parts: None })
+        let audit = Audit { tracer, tolerance: Tolerance::MAX, rate };
+        let drawn: Vec<Audited> = block_pixels(region)
+            .filter_map(|at| {
+                let probability = audit.draws(at, 0.0, true)?;
+                Some(Audited { at, value: value(&samples, at), points: 1, probability, parts: None })
+            })
             .collect();
-        audit::audit(tracer, &done, Tolerance::MAX, rate, scratch, &mut counts, &mut error);
+        audit.check(&drawn, scratch, &mut counts, &mut error);
     });
     let single = |v: DVec3| v.to_array().map(|c| c as f32);
     let pixels = block_pixels(region).map(|at| single(value(&samples, at))).collect();

@@ -228,10 +228,9 @@ impl Pixel {
             let n = growth * points;
             kappa > rule.a_point * n * n * n.sqrt() || hidden > rule.a_point * n * n * n
         };
-        let most = MOST / self.next.max(1);
-        if most < 2 || !worth(MODEL.least_growth) {
+        if self.next > MOST / 2 || !worth(MODEL.least_growth) {
             0
-        } else if most < 4 || !worth(3.0) {
+        } else if self.next > MOST / 4 || !worth(3.0) {
             1
         } else {
             2
