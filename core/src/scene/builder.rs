@@ -180,7 +180,7 @@ impl SceneBuilder {
     /// # Errors
     /// A zero normal or a number that is not finite.
     pub fn plane(&mut self, normal: DVec3, position: PlanePosition, surface: SurfaceId) -> Result<(), Invalid> {
-        rules::normal(normal)?;
+        rules::direction(normal, Invalid::ZeroNormal)?;
         match position {
             PlanePosition::Point(p) => drop(finite(p)?),
             PlanePosition::Distance(d) if !d.is_finite() => return Err(Invalid::NotFinite),

@@ -26,9 +26,9 @@ pub(crate) fn radius(r: f64) -> Result<f64, Invalid> {
     }
 }
 
-/// The direction of a plane.
-pub(crate) fn normal(n: DVec3) -> Result<DVec3, Invalid> {
-    if finite(n)? == DVec3::ZERO { Err(Invalid::ZeroNormal) } else { Ok(n) }
+/// A vector that points somewhere; `zero` is what one is that does not.
+pub(crate) fn direction(v: DVec3, zero: Invalid) -> Result<DVec3, Invalid> {
+    if finite(v)? == DVec3::ZERO { Err(zero) } else { Ok(v) }
 }
 
 /// An eye sees something, and knows which way is up; decided exactly.
@@ -39,9 +39,7 @@ pub(crate) fn view(location: DVec3, sky: DVec3, look_at: DVec3) -> Result<(), In
     if location == look_at {
         return Err(Invalid::NoView);
     }
-    if sky == DVec3::ZERO {
-        return Err(Invalid::ZeroSky);
-    }
+    direction(sky, Invalid::ZeroSky)?;
     if parallel_to_view(location, look_at, sky) { Err(Invalid::SkyParallel) } else { Ok(()) }
 }
 
@@ -54,8 +52,8 @@ pub(crate) fn orientation(pole: Option<DVec3>, equator: Option<DVec3>) -> Result
         (None, Some(equator)) => (other(equator, DVec3::Y), equator),
         (Some(pole), Some(equator)) => (pole, equator),
     };
-    if finite(pole)? == DVec3::ZERO || finite(equator)? == DVec3::ZERO {
-        return Err(Invalid::ZeroOrientation);
+    for v in [pole, equator] {
+        direction(v, Invalid::ZeroOrientation)?;
     }
     if parallel(pole, equator) { Err(Invalid::OrientationParallel) } else { Ok(Some(Orientation { pole, equator })) }
 }

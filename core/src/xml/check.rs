@@ -3,21 +3,19 @@
 //! Every problem becomes a finding and reading goes on: a misspelt name is taken as
 //! the one it resembles, an absent value as none, so that one mistake hides no other.
 
-mod objects;
-
 use std::ops::Range;
 
-use glam::DVec3;
-use roxmltree::{Attribute, Node};
+use roxmltree::Node;
 
 use super::diagnostic::Code;
 use super::finding::Finding;
 use super::grammar::{self, Model, WIDEST};
+use super::meaning::{self, Elements, Spot};
 use super::number::{self, NotANumber};
-use super::part::Part;
+use super::part::{Finish, Part};
 use super::source::shown;
 use super::suggest::closest;
-use crate::scene::rules;
+use crate::scene::Camera;
 
 /// From offsets in what the parser was given to offsets in the document: what lies
 /// before `cut` is shifted by one amount, what lies behind by another.
@@ -35,38 +33,38 @@ impl Shift {
     }
 }
 
-/// The eye, as far as it was found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Eye {
-    pub location: DVec3,
-    pub sky: DVec3,
-    pub look_at: DVec3,
-}
-
 /// What stands around the world.
 #[derive(Debug, Default)]
 pub(super) struct Frame {
-    pub camera: Option<Eye>,
+    pub camera: Option<Camera>,
     pub background: Option<[f64; 3]>,
     /// The world's start tag's name.
     pub world: Option<Range<usize>>,
 }
 
+/// An element and the grammar's name for it, which the written one may only resemble.
+type Element<'t> = (Node<'t, 't>, &'t str);
+/// An attribute and the grammar's name for it.
+type Attribute<'t> = (roxmltree::Attribute<'t, 't>, &'static str);
+
 /// Children and attributes of an element, by the places its model gives them.
-struct Fitted<'a, 'd> {
-    children: [Option<Node<'a, 'd>>; WIDEST],
-    attributes: [Option<Attribute<'a, 'd>>; WIDEST],
+#[derive(Clone)]
+pub(super) struct Fitted<'t> {
+    node: Node<'t, 't>,
+    model: &'static Model,
+    children: [Option<Element<'t>>; WIDEST],
+    attributes: [Option<Attribute<'t>>; WIDEST],
 }
 
 /// Checks trees and collects what they hold.
-pub(super) struct Checker<'p, 's> {
+pub(super) struct Checker<'p, 't> {
     /// What the parser was given.
-    pub source: &'s str,
+    pub source: &'t str,
     pub shift: Shift,
     pub part: &'p mut Part,
 }
 
-impl Checker<'_, '_> {
+impl<'t> Checker<'_, 't> {
     fn range(&self, range: &Range<usize>) -> Range<usize> {
         let start = self.shift.at(range.start);
         start..start + range.len()
@@ -78,32 +76,29 @@ impl Checker<'_, '_> {
         self.range(&(start..start + node.tag_name().name().len()))
     }
 
-    fn find(&mut self, code: Code, at: Range<usize>, finding: impl FnOnce(Finding) -> Finding) {
+    fn tell(&mut self, code: Code, at: Range<usize>, finding: impl FnOnce(Finding) -> Finding) {
         self.part.findings.push_with(code.severity(), || finding(Finding::new(code, at, "")));
     }
 
     // -- structure ---------------------------------------------------------------
 
     /// The document's root and all below it.
-    pub(super) fn scene(&mut self, root: Node<'_, '_>) -> Frame {
+    pub(super) fn scene(&mut self, root: Node<'t, 't>) -> Frame {
         let name = root.tag_name().name();
         if name != "scene" {
             let code = if grammar::ELEMENTS.contains(&name) { Code::MisplacedElement } else { Code::UnknownElement };
-            self.find(code, self.tag(root), |f| {
+            self.tell(code, self.tag(root), |f| {
                 f.say(format!("the root element is `{}`", shown(name)))
                     .expected("scene")
                     .suggest(closest(name, ["scene"]))
             });
         }
-        let scene = self.fit(root, "scene", &grammar::SCENE);
+        let scene = self.open((root, "scene"), &grammar::SCENE);
         let [camera, background, world, _] = scene.children;
         Frame {
-            camera: camera.and_then(|n| self.camera(n)),
-            background: background.and_then(|n| {
-                let fitted = self.fit(n, "background", &grammar::BACKGROUND);
-                fitted.children[0].and_then(|n| self.color(n))
-            }),
-            world: world.map(|n| {
+            camera: camera.and_then(|e| meaning::camera(self, e)),
+            background: background.and_then(|e| meaning::background(self, e)),
+            world: world.map(|(n, _)| {
                 self.world(n);
                 self.tag(n)
             }),
@@ -111,7 +106,7 @@ impl Checker<'_, '_> {
     }
 
     /// A world's children, each a light or an object.
-    pub(super) fn world(&mut self, world: Node<'_, '_>) {
+    pub(super) fn world(&mut self, world: Node<'t, 't>) {
         self.attributes(world, "world", &[]);
         for child in world.children() {
             if !child.is_element() {
@@ -124,19 +119,12 @@ impl Checker<'_, '_> {
             } else {
                 let known = grammar::ELEMENTS.contains(&name);
                 let near = if known { None } else { closest(name, grammar::OBJECTS) };
-                self.find(misplaced(known), self.tag(child), |f| {
+                self.tell(misplaced(known), self.tag(child), |f| {
                     f.say(wrong_child(known, name, "world")).expected("plane, light, sphere or triangle").suggest(near)
                 });
                 near
             };
-            let object = match meant {
-                Some("triangle") => self.triangle(child),
-                Some("sphere") => self.sphere(child),
-                Some("plane") => self.plane(child),
-                Some("light") => self.light(child),
-                _ => None,
-            };
-            if let Some(object) = object {
+            if let Some(object) = meant.and_then(|name| meaning::object(self, (child, name))) {
                 self.part.push(object);
             }
         }
@@ -157,22 +145,22 @@ impl Checker<'_, '_> {
         };
         let end = start + self.source[start..range.end].trim_end().len().min(40);
         let at = self.range(&(start..end.max(start + 1)));
-        self.find(Code::UnexpectedContent, at, |f| {
+        self.tell(Code::UnexpectedContent, at, |f| {
             f.say(format!("`{parent}` may not hold text: `{}`", shown(text.trim()))).expected(content)
         });
     }
 
-    fn attributes<'a, 'd>(
+    fn attributes(
         &mut self,
-        node: Node<'a, 'd>,
+        node: Node<'t, 't>,
         element: &str,
         known: &'static [grammar::Attribute],
-    ) -> [Option<Attribute<'a, 'd>>; WIDEST] {
+    ) -> [Option<Attribute<'t>>; WIDEST] {
         let mut found = [None; WIDEST];
         let mut strangers = Vec::new();
         for attribute in node.attributes() {
             match known.iter().position(|k| k.name == attribute.name() && attribute.namespace().is_none()) {
-                Some(i) => found[i] = Some(attribute),
+                Some(i) => found[i] = Some((attribute, known[i].name)),
                 None => strangers.push(attribute),
             }
         }
@@ -180,7 +168,7 @@ impl Checker<'_, '_> {
             let free = known.iter().enumerate().filter(|(i, _)| found[*i].is_none()).map(|(_, k)| k.name);
             let near = closest(attribute.name(), free);
             let at = self.range(&attribute.range_qname());
-            self.find(Code::UnknownAttribute, at, |f| {
+            self.tell(Code::UnknownAttribute, at, |f| {
                 let names: Vec<_> = known.iter().map(|k| k.name).collect();
                 let names = if names.is_empty() { "no attributes".into() } else { names.join(", ") };
                 f.say(format!("`{element}` has no attribute `{}`", shown(attribute.name())))
@@ -188,12 +176,12 @@ impl Checker<'_, '_> {
                     .suggest(near)
             });
             if let Some(i) = known.iter().position(|k| Some(k.name) == near) {
-                found[i] = Some(attribute);
+                found[i] = Some((attribute, known[i].name));
             }
         }
         for (i, attribute) in known.iter().enumerate().filter(|(_, k)| k.required) {
             if found[i].is_none() {
-                self.find(Code::MissingAttribute, self.tag(node), |f| {
+                self.tell(Code::MissingAttribute, self.tag(node), |f| {
                     f.say(format!("`{element}` has no `{}`", attribute.name))
                         .expected(format!("{}=\"…\"", attribute.name))
                 });
@@ -202,18 +190,34 @@ impl Checker<'_, '_> {
         found
     }
 
-    fn fit<'a, 'd>(&mut self, node: Node<'a, 'd>, element: &str, model: &'static Model) -> Fitted<'a, 'd> {
+    fn value_range(&self, attribute: &roxmltree::Attribute<'_, '_>) -> Range<usize> {
+        // The parser's own range of the value is wrong behind very long names or white space.
+        let range = attribute.range();
+        let written = &self.source[range.clone()];
+        let quote = written.find(['"', '\'']).map_or(0, |i| i + 1);
+        let start = range.start + quote;
+        self.range(&(start..(range.end - 1).max(start)))
+    }
+}
+
+impl<'t> Elements for Checker<'_, 't> {
+    const EXACT: bool = true;
+    type Element = Element<'t>;
+    type Open = Fitted<'t>;
+    type Attribute = Attribute<'t>;
+
+    fn open(&mut self, (node, element): Element<'t>, model: &'static Model) -> Fitted<'t> {
         let attributes = self.attributes(node, element, model.attributes);
-        let mut children: [Option<Node<'a, 'd>>; WIDEST] = [None; WIDEST];
+        let mut children: [Option<Element<'t>>; WIDEST] = [None; WIDEST];
         if model.slots.is_empty() {
             if let Some(child) = node.first_child() {
                 let range = child.range();
                 let at = self.range(&(range.start..range.start + range.len().min(1)));
-                self.find(Code::UnexpectedContent, at, |f| {
+                self.tell(Code::UnexpectedContent, at, |f| {
                     f.say(format!("`{element}` must be empty")).expected(format!("<{element} …/>"))
                 });
             }
-            return Fitted { children, attributes };
+            return Fitted { node, model, children, attributes };
         }
         // The last place filled, which a later child may not stand before.
         let mut last: Option<usize> = None;
@@ -228,18 +232,18 @@ impl Checker<'_, '_> {
                 let known = grammar::ELEMENTS.contains(&name);
                 let free = model.slots.iter().enumerate().filter(|(i, _)| children[*i].is_none());
                 let near = if known { None } else { closest(name, free.flat_map(|(_, s)| s.names.iter().copied())) };
-                self.find(misplaced(known), tag, |f| {
+                self.tell(misplaced(known), tag, |f| {
                     f.say(wrong_child(known, name, element)).expected(model.content).suggest(near)
                 });
                 if let Some(place) = model.slots.iter().position(|s| near.is_some_and(|n| s.names.contains(&n))) {
-                    children[place] = Some(child);
+                    children[place] = near.map(|near| (child, near));
                     last = last.max(Some(place));
                 }
                 continue;
             };
-            if let Some(other) = children[place] {
+            if let Some((other, _)) = children[place] {
                 let other = other.tag_name().name();
-                self.find(Code::MisplacedElement, tag, |f| {
+                self.tell(Code::MisplacedElement, tag, |f| {
                     let message = if other == name {
                         format!("a second `{name}` in `{element}`")
                     } else {
@@ -250,41 +254,54 @@ impl Checker<'_, '_> {
                 continue;
             }
             if last.is_some_and(|l| l > place) {
-                self.find(Code::MisplacedElement, tag, |f| {
+                self.tell(Code::MisplacedElement, tag, |f| {
                     f.say(format!("`{name}` stands too late in `{element}`")).expected(model.content)
                 });
             }
             last = last.max(Some(place));
-            children[place] = Some(child);
+            children[place] = Some((child, name));
         }
         for (place, slot) in model.slots.iter().enumerate() {
             if slot.required && children[place].is_none() {
-                self.find(Code::MissingElement, self.tag(node), |f| {
+                self.tell(Code::MissingElement, self.tag(node), |f| {
                     f.say(format!("`{element}` has no `{}`", slot.names.join("` or `"))).expected(model.content)
                 });
             }
         }
-        Fitted { children, attributes }
+        Fitted { node, model, children, attributes }
     }
 
-    // -- values ------------------------------------------------------------------
-
-    fn value_range(&self, attribute: &Attribute<'_, '_>) -> Range<usize> {
-        // The parser's own range of the value is wrong behind very long names or white space.
-        let range = attribute.range();
-        let written = &self.source[range.clone()];
-        let quote = written.find(['"', '\'']).map_or(0, |i| i + 1);
-        let start = range.start + quote;
-        self.range(&(start..(range.end - 1).max(start)))
+    fn open_either(&mut self, element: Element<'t>, first: &'static Model, second: &'static Model) -> Fitted<'t> {
+        let has = |model: &Model, name: &str| model.slots.iter().any(|s| s.names.contains(&name));
+        // The first child that only one of them has tells.
+        let names = element.0.children().filter(Node::is_element).map(|n| n.tag_name().name());
+        let tells = names.map(|n| (has(first, n), has(second, n))).find(|(first, second)| first != second);
+        self.open(element, if tells.is_some_and(|(_, second)| second) { second } else { first })
     }
 
-    fn number(&mut self, attribute: Attribute<'_, '_>, name: &str) -> Option<f64> {
+    fn second_form(&mut self, open: &Fitted<'t>, second: &'static Model, _: usize) -> Option<Fitted<'t>> {
+        std::ptr::eq(open.model, second).then(|| open.clone())
+    }
+
+    fn attribute(&mut self, open: &Fitted<'t>, place: usize) -> Option<Attribute<'t>> {
+        open.attributes[place]
+    }
+
+    fn child(&mut self, open: &Fitted<'t>, place: usize) -> Option<Element<'t>> {
+        open.children[place]
+    }
+
+    fn name<'e>(element: &'e Element<'t>) -> &'e str {
+        element.1
+    }
+
+    fn number(&mut self, (attribute, name): Attribute<'t>) -> Option<f64> {
         let text = attribute.value();
         match number::parse(text) {
             Ok((value, underflow)) => {
                 if underflow {
                     let at = self.value_range(&attribute);
-                    self.find(Code::Underflow, at, |f| {
+                    self.tell(Code::Underflow, at, |f| {
                         f.say(format!("`{}` is too small and becomes 0", shown(text)))
                             .expected("a magnitude of at least 5e-324, or 0")
                     });
@@ -294,7 +311,7 @@ impl Checker<'_, '_> {
             Err(why) => {
                 let at = self.value_range(&attribute);
                 let code = if why == NotANumber::Overflow { Code::Overflow } else { Code::Number };
-                self.find(code, at, |f| {
+                self.tell(code, at, |f| {
                     let (message, suggestion) = match why {
                         NotANumber::Empty => (format!("`{name}` is empty"), None),
                         NotANumber::NotFinite => (format!("`{}` is not a finite number", shown(text)), None),
@@ -313,49 +330,29 @@ impl Checker<'_, '_> {
         }
     }
 
-    /// A number in [0, 1].
-    fn share(&mut self, attribute: Attribute<'_, '_>, name: &str) -> Option<f64> {
-        let value = self.number(attribute, name)?;
-        if let Ok(share) = rules::share(value) {
-            return Some(share);
-        }
+    fn file(&mut self, (attribute, name): Attribute<'t>) -> Option<u32> {
         let at = self.value_range(&attribute);
-        self.find(Code::Range, at, |f| {
-            f.say(format!("`{name}` is {}, outside [0, 1]", shown(attribute.value().trim())))
-                .expected("a number from 0 to 1")
-        });
-        None
-    }
-
-    fn color(&mut self, node: Node<'_, '_>) -> Option<[f64; 3]> {
-        let [red, green, blue, _] = self.fit(node, "color", &grammar::COLOR).attributes;
-        let red = red.and_then(|a| self.share(a, "red"));
-        let green = green.and_then(|a| self.share(a, "green"));
-        let blue = blue.and_then(|a| self.share(a, "blue"));
-        Some([red?, green?, blue?])
-    }
-
-    /// The vector in an element that holds one, and where it stands.
-    fn vector(&mut self, holder: Option<Node<'_, '_>>, element: &str) -> Option<(DVec3, Range<usize>)> {
-        let vector = self.fit(holder?, element, &grammar::VECTOR_HOLDER).children[0]?;
-        let [x, y, z, _] = self.fit(vector, "vector", &grammar::VECTOR).attributes;
-        let x = x.and_then(|a| self.number(a, "x"));
-        let y = y.and_then(|a| self.number(a, "y"));
-        let z = z.and_then(|a| self.number(a, "z"));
-        Some((DVec3::new(x?, y?, z?), self.tag(vector)))
-    }
-
-    /// A vector that needs a direction.
-    fn direction(&mut self, holder: Option<Node<'_, '_>>, element: &str) -> Option<(DVec3, Range<usize>)> {
-        let (vector, at) = self.vector(holder, element)?;
-        if vector != DVec3::ZERO {
-            return Some((vector, at));
+        if attribute.value().is_empty() {
+            self.tell(Code::Texture, at, |f| {
+                f.say(format!("`{name}` is empty")).expected("the name of a portable pixmap (.ppm)")
+            });
+            return None;
         }
-        self.find(Code::ZeroVector, at, |f| {
-            f.say(format!("`{element}` is zero and has no direction"))
-                .expected("a vector that is not zero, of any length")
-        });
-        None
+        Some(self.part.file(attribute.value(), at))
+    }
+
+    fn surface(&mut self, element: Option<Element<'t>>) -> Option<u32> {
+        let finish = element.map_or(Some(Finish::default()), |e| meaning::surface(self, e))?;
+        Some(self.part.surface(finish))
+    }
+
+    fn find(&mut self, code: Code, at: Spot<'_, Self>, finding: impl FnOnce(Finding, &str, &str) -> Finding) {
+        let (at, name, value) = match at {
+            Spot::Tag(open) => (self.tag(open.node), "", ""),
+            Spot::Attribute((a, name)) => (self.range(&a.range()), name, a.value()),
+            Spot::Value((a, name)) => (self.value_range(&a), name, a.value()),
+        };
+        self.tell(code, at, |f| finding(f, name, value));
     }
 }
 
@@ -368,12 +365,5 @@ fn wrong_child(known: bool, name: &str, parent: &str) -> String {
         format!("`{name}` may not stand here in `{parent}`")
     } else {
         format!("unknown element `{}`", shown(name))
-    }
-}
-
-impl Finding {
-    fn say(mut self, message: impl Into<String>) -> Self {
-        self.message = message.into();
-        self
     }
 }

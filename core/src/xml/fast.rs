@@ -6,331 +6,232 @@
 //! comment, an entity, another order of attributes, a warning or an error, it leaves
 //! unread. So nothing here reports anything.
 
-use glam::DVec3;
-
+use super::diagnostic::Code;
+use super::finding::Finding;
+use super::grammar::{self, Model};
 use super::lex::is_space;
-use super::number;
-use super::part::{Finish, Object, Paint, Part, Plane, Sphere, Triangle};
-use crate::numeric::zero_area::surely_not_zero;
-use crate::scene::{PlanePosition, rules};
+use super::meaning::{self, Elements, Spot};
+use super::number::{self, Scanned};
+use super::part::{Finish, Object, Paint, Part};
 
 /// A cursor over a document's bytes.
 #[derive(Debug)]
 pub(super) struct Fast<'t> {
     bytes: &'t [u8],
     at: usize,
+    /// Whether something out of the ordinary was met.
+    refused: bool,
+    /// The surface of the object read last, and as it is written, unless it is that of the object before.
+    surface: Option<(Finish, &'t [u8])>,
+    /// The file that it names, and where.
+    file: Option<(&'t str, usize)>,
     /// The last surface taken, as written, and its number: runs of equal ones are common.
     last_surface: (&'t [u8], u32),
 }
 
-/// An object that was read but not taken yet: its part knows nothing of it.
-#[derive(Debug)]
-pub(super) struct Seen<'t> {
-    /// Its surface's number is set when it is taken.
-    object: Object,
-    surface: Coat<'t>,
-    /// Where it ends.
-    pub end: usize,
-}
-
-/// A surface that was read.
-#[derive(Debug)]
-enum Coat<'t> {
-    /// A light has none.
-    None,
-    /// The same as that of the object before.
-    Same,
-    New {
-        written: &'t [u8],
-        finish: Finish,
-        file: Option<(&'t str, usize)>,
-    },
+/// An element that is open.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Open {
+    name: &'static str,
+    model: &'static Model,
 }
 
 impl<'t> Fast<'t> {
     pub(super) fn new(bytes: &'t [u8]) -> Self {
-        Self { bytes, at: 0, last_surface: (&[], 0) }
+        Self { bytes, at: 0, refused: false, surface: None, file: None, last_surface: (&[], 0) }
     }
 
-    /// The object that begins at `at`, behind white space if any, and where it ends.
-    #[inline]
-    pub(super) fn object(&mut self, at: usize) -> Option<Seen<'t>> {
-        self.at = at;
+    /// The object that begins at `at`, behind white space if any, and where it ends. Until it is taken,
+    /// its surface has no number.
+    pub(super) fn object(&mut self, at: usize) -> Option<(Object, usize)> {
+        (self.at, self.refused, self.surface, self.file) = (at, false, None, None);
         self.space();
-        let (object, surface) = match self.bytes.get(self.at + 1)? {
-            b't' => self.triangle()?,
-            b's' => self.sphere()?,
-            b'p' => self.plane()?,
-            b'l' => (self.light()?, Coat::None),
-            _ => return None,
-        };
-        Some(Seen { object, surface, end: self.at })
+        let first = self.bytes.get(self.at + 1)?;
+        let name = grammar::OBJECTS.into_iter().find(|name| name.as_bytes()[0] == *first)?;
+        let object = meaning::object(self, name)?;
+        (!self.refused).then_some((object, self.at))
     }
 
-    /// Takes what [`Fast::object`] read last into `part`.
-    #[inline]
-    pub(super) fn take(&mut self, seen: Seen<'t>, part: &mut Part) {
-        let Seen { mut object, surface, .. } = seen;
-        let number = match surface {
-            Coat::None => 0,
-            Coat::Same => self.last_surface.1,
-            Coat::New { written, mut finish, file } => {
-                if let Some((name, at)) = file {
-                    finish.paint = Paint::File(part.file(name, at..at + name.len()));
-                }
-                let number = part.surface(finish);
-                if !written.is_empty() {
-                    self.last_surface = (written, number);
-                }
-                number
+    /// Takes the `object` read last into `part`.
+    pub(super) fn take(&mut self, mut object: Object, part: &mut Part) {
+        if let Some((mut finish, written)) = self.surface {
+            if let Some((name, at)) = self.file {
+                finish.paint = Paint::File(part.file(name, at..at + name.len()));
             }
-        };
-        match &mut object {
-            Object::Triangle(t) => t.surface = number,
-            Object::Sphere(s) => s.surface = number,
-            Object::Plane(p) => p.surface = number,
-            Object::Light(_) => {}
+            let number = part.surface(finish);
+            match &mut object {
+                Object::Triangle(t) => t.surface = number,
+                Object::Sphere(s) => s.surface = number,
+                Object::Plane(p) => p.surface = number,
+                Object::Light(_) => {}
+            }
+            if !written.is_empty() {
+                self.last_surface = (written, number);
+            }
         }
         part.push(object);
     }
 
-    #[inline]
+    /// Leaves the object to the careful way.
+    #[cold]
+    fn refuse(&mut self) {
+        self.refused = true;
+        self.at = self.bytes.len();
+    }
+
+    #[inline(always)]
     fn rest(&self) -> &'t [u8] {
         &self.bytes[self.at..]
     }
 
-    #[inline]
+    #[inline(always)]
     fn space(&mut self) {
         while self.bytes.get(self.at).copied().is_some_and(is_space) {
             self.at += 1;
         }
     }
 
-    #[inline]
-    fn eat(&mut self, word: &[u8]) -> Option<()> {
-        if self.rest().starts_with(word) {
-            self.at += word.len();
-            Some(())
-        } else {
-            None
-        }
+    #[inline(always)]
+    fn eat(&mut self, word: &str) -> Option<()> {
+        let there = self.rest().starts_with(word.as_bytes());
+        self.at += if there { word.len() } else { 0 };
+        there.then_some(())
     }
 
-    /// White space if any, then `>`.
-    #[inline]
-    fn tag_end(&mut self) -> Option<()> {
+    /// White space if any, then `word`.
+    #[inline(always)]
+    fn next(&mut self, word: &str) -> Option<()> {
         self.space();
-        self.eat(b">")
-    }
-
-    /// `<name>`, behind white space if any.
-    #[inline]
-    fn open(&mut self, tag: &[u8]) -> Option<()> {
-        self.space();
-        self.eat(tag)?;
-        self.tag_end()
-    }
-
-    /// The end of an empty element whose start tag's attributes were read.
-    #[inline]
-    fn empty_end(&mut self, close: &[u8]) -> Option<()> {
-        self.space();
-        if self.eat(b"/>").is_some() {
-            return Some(());
-        }
-        self.eat(b">")?;
-        self.eat(close)?;
-        self.tag_end()
-    }
-
-    /// White space, then `name="`; gives the quote.
-    #[inline]
-    fn attribute(&mut self, name: &[u8]) -> Option<u8> {
-        if !is_space(*self.bytes.get(self.at)?) {
-            return None;
-        }
-        self.space();
-        self.eat(name)?;
-        self.space();
-        self.eat(b"=")?;
-        self.space();
-        let quote = *self.bytes.get(self.at)?;
-        self.at += 1;
-        matches!(quote, b'"' | b'\'').then_some(quote)
-    }
-
-    #[inline]
-    fn number(&mut self, name: &[u8]) -> Option<f64> {
-        let quote = self.attribute(name)?;
-        let scanned = number::scan(self.rest())?;
-        if self.bytes.get(self.at + scanned.len) != Some(&quote) {
-            return None;
-        }
-        self.at += scanned.len + 1;
-        (scanned.value.is_finite() && (scanned.value != 0.0 || !scanned.nonzero)).then_some(scanned.value)
-    }
-
-    #[inline]
-    fn share(&mut self, name: &[u8]) -> Option<f64> {
-        self.number(name).and_then(|v| rules::share(v).ok())
-    }
-
-    #[inline]
-    fn vector(&mut self, open: &[u8], close: &[u8]) -> Option<DVec3> {
-        self.open(open)?;
-        self.space();
-        self.eat(b"<vector")?;
-        let (x, y, z) = (self.number(b"x")?, self.number(b"y")?, self.number(b"z")?);
-        self.empty_end(b"</vector")?;
-        self.open(close)?;
-        Some(DVec3::new(x, y, z))
-    }
-
-    fn direction(&mut self, open: &[u8], close: &[u8]) -> Option<DVec3> {
-        self.vector(open, close).filter(|v| *v != DVec3::ZERO)
-    }
-
-    fn color(&mut self) -> Option<[f64; 3]> {
-        let color = [self.share(b"red")?, self.share(b"green")?, self.share(b"blue")?];
-        self.empty_end(b"</color")?;
-        Some(color)
+        self.eat(word)
     }
 
     /// Whether an element called `name` begins here, behind white space if any.
-    #[inline]
-    fn ahead(&mut self, tag: &[u8]) -> bool {
+    #[inline(always)]
+    fn ahead(&mut self, name: &str) -> bool {
         self.space();
-        self.rest()
-            .strip_prefix(tag)
-            .is_some_and(|r| r.first().is_some_and(|b| is_space(*b) || matches!(b, b'>' | b'/')))
+        let tag = self.rest().strip_prefix(b"<").and_then(|r| r.strip_prefix(name.as_bytes()));
+        tag.is_some_and(|r| r.first().is_some_and(|b| is_space(*b) || matches!(b, b'>' | b'/')))
     }
 
-    #[inline]
-    fn surface(&mut self) -> Option<Coat<'t>> {
+    /// The number in an attribute. A file's name is kept beside.
+    #[inline(always)]
+    fn value(&mut self, name: &str) -> Option<f64> {
+        self.bytes.get(self.at).filter(|b| is_space(**b))?;
+        self.next(name)?;
+        self.next("=")?;
         self.space();
-        let (written, _) = self.last_surface;
-        if !written.is_empty() && self.rest().starts_with(written) {
-            self.at += written.len();
-            return Some(Coat::Same);
+        let quote = *self.bytes.get(self.at).filter(|b| matches!(b, b'"' | b'\''))?;
+        self.at += 1;
+        if name == grammar::FILE {
+            return self.file_name(quote);
         }
-        self.new_surface()
+        let Scanned { value, len, nonzero } = number::scan(self.rest())?;
+        self.bytes.get(self.at + len).filter(|b| **b == quote)?;
+        self.at += len + 1;
+        // Neither too large nor too small.
+        (value.is_finite() && (value != 0.0 || !nonzero)).then_some(value)
     }
 
-    fn new_surface(&mut self) -> Option<Coat<'t>> {
-        let mut finish = Finish::default();
-        let mut file = None;
-        if !self.ahead(b"<surface") {
-            return Some(Coat::New { written: &[], finish, file });
-        }
-        let start = self.at;
-        self.open(b"<surface")?;
-        if self.ahead(b"<finish") {
-            self.eat(b"<finish")?;
-            let here = self.at;
-            finish.diffuse = self.share(b"diffuse").unwrap_or_else(|| {
-                self.at = here;
-                0.0
-            });
-            let one = self.at > here;
-            let here = self.at;
-            finish.reflect = self.share(b"reflect").unwrap_or_else(|| {
-                self.at = here;
-                0.0
-            });
-            if !(one || self.at > here) || finish.diffuse + finish.reflect > 1.0 {
-                return None;
-            }
-            self.empty_end(b"</finish")?;
-        }
-        if self.ahead(b"<pigment") {
-            self.open(b"<pigment")?;
-            if self.ahead(b"<color") {
-                self.eat(b"<color")?;
-                finish.paint = Paint::Color(self.color()?);
-            } else {
-                self.open(b"<image")?;
-                self.space();
-                self.eat(b"<ppm")?;
-                file = Some(self.file()?);
-                self.empty_end(b"</ppm")?;
-                self.open(b"</image")?;
-            }
-            self.open(b"</pigment")?;
-        }
-        self.open(b"</surface")?;
-        Some(Coat::New { written: &self.bytes[start..self.at], finish, file })
-    }
-
-    fn file(&mut self) -> Option<(&'t str, usize)> {
-        let quote = self.attribute(b"file")?;
+    fn file_name(&mut self, quote: u8) -> Option<f64> {
         let len = memchr::memchr(quote, self.rest())?;
         let name = &self.rest()[..len];
         if name.is_empty() || !name.iter().all(|b| (b' '..=b'~').contains(b) && !matches!(b, b'<' | b'&')) {
             return None;
         }
-        let at = self.at;
+        self.file = Some((std::str::from_utf8(name).ok()?, self.at));
         self.at += len + 1;
-        Some((std::str::from_utf8(name).ok()?, at))
+        Some(0.0)
     }
 
-    fn triangle(&mut self) -> Option<(Object, Coat<'t>)> {
-        self.open(b"<triangle")?;
-        let c0 = self.vector(b"<c0", b"</c0")?;
-        let by_sides = self.ahead(b"<v1");
-        let (a, b) = if by_sides {
-            (self.vector(b"<v1", b"</v1")?, self.vector(b"<v2", b"</v2")?)
-        } else {
-            (self.vector(b"<c1", b"</c1")?, self.vector(b"<c2", b"</c2")?)
-        };
-        let written = [c0, a, b];
-        if !surely_not_zero(&written, by_sides) {
-            return None;
+    #[inline(always)]
+    fn end(&mut self, open: &Open) -> Option<()> {
+        let empty = open.model.slots.is_empty();
+        if empty && self.next("/>").is_some() {
+            return Some(());
         }
-        let surface = self.surface()?;
-        self.open(b"</triangle")?;
-        Some((Object::Triangle(Triangle { written, surface: 0, by_sides }), surface))
+        if empty { self.eat("></") } else { self.next("</") }?;
+        self.eat(open.name)?;
+        self.next(">")
+    }
+}
+
+impl Elements for Fast<'_> {
+    const EXACT: bool = false;
+    /// The name of one that begins here, behind white space if any.
+    type Element = &'static str;
+    type Open = Open;
+    type Attribute = f64;
+
+    #[inline(always)]
+    fn open(&mut self, name: &'static str, model: &'static Model) -> Open {
+        self.next("<").and_then(|()| self.eat(name)).unwrap_or_else(|| self.refuse());
+        Open { name, model }
     }
 
-    fn sphere(&mut self) -> Option<(Object, Coat<'t>)> {
-        self.eat(b"<sphere")?;
-        let radius = self.number(b"radius").and_then(|r| rules::radius(r).ok())?;
-        self.tag_end()?;
-        let center = self.vector(b"<location", b"</location")?;
-        let pole = if self.ahead(b"<pole") { Some(self.direction(b"<pole", b"</pole")?) } else { None };
-        let equator = if self.ahead(b"<equator") { Some(self.direction(b"<equator", b"</equator")?) } else { None };
-        let orientation = rules::orientation(pole, equator).ok()?;
-        let surface = self.surface()?;
-        self.open(b"</sphere")?;
-        Some((Object::Sphere(Sphere { center, radius, orientation, surface: 0 }), surface))
+    #[inline(always)]
+    fn open_either(&mut self, name: &'static str, first: &'static Model, _: &'static Model) -> Open {
+        self.open(name, first)
     }
 
-    fn plane(&mut self) -> Option<(Object, Coat<'t>)> {
-        self.eat(b"<plane")?;
-        let here = self.at;
-        let distance = self.number(b"distance");
-        if distance.is_none() {
+    #[inline(always)]
+    fn second_form(&mut self, open: &Open, second: &'static Model, place: usize) -> Option<Open> {
+        self.ahead(second.slots[place].names[0]).then_some(Open { model: second, ..*open })
+    }
+
+    #[inline(always)]
+    fn attribute(&mut self, open: &Open, place: usize) -> Option<f64> {
+        let (known, here) = (&open.model.attributes[place], self.at);
+        self.value(known.name).or_else(|| {
             self.at = here;
-        }
-        self.tag_end()?;
-        let normal = self.direction(b"<normal", b"</normal")?;
-        let position = if self.ahead(b"<point") {
-            let point = self.vector(b"<point", b"</point")?;
-            if distance.is_some() {
-                return None;
-            }
-            PlanePosition::Point(point)
-        } else {
-            PlanePosition::Distance(distance.unwrap_or(0.0))
-        };
-        let surface = self.surface()?;
-        self.open(b"</plane")?;
-        Some((Object::Plane(Plane { normal, position, surface: 0 }), surface))
+            known.required.then(|| self.refuse()).map(|()| 0.0)
+        })
     }
 
-    fn light(&mut self) -> Option<Object> {
-        self.open(b"<light")?;
-        let position = self.vector(b"<position", b"</position")?;
-        self.open(b"</light")?;
-        Some(Object::Light(position))
+    #[inline(always)]
+    fn child(&mut self, open: &Open, place: usize) -> Option<&'static str> {
+        if place == 0 {
+            self.next(">").unwrap_or_else(|| self.refuse());
+        }
+        let slot = &open.model.slots[place];
+        match slot.names {
+            // Whether it is there, opening it tells.
+            [name] if slot.required => Some(name),
+            names => names.iter().copied().find(|n| self.ahead(n)),
+        }
+    }
+
+    #[inline(always)]
+    fn close(&mut self, open: &Open) {
+        self.end(open).unwrap_or_else(|| self.refuse());
+    }
+
+    fn name<'e>(name: &'e &'static str) -> &'e str {
+        name
+    }
+
+    #[inline(always)]
+    fn number(&mut self, number: f64) -> Option<f64> {
+        Some(number)
+    }
+
+    fn file(&mut self, _: f64) -> Option<u32> {
+        Some(0)
+    }
+
+    #[inline(always)]
+    fn surface(&mut self, element: Option<&'static str>) -> Option<u32> {
+        let (start, (written, number)) = (self.at, self.last_surface);
+        if element.is_some() && !written.is_empty() && self.rest().starts_with(written) {
+            self.at += written.len();
+            return Some(number);
+        }
+        let finish = element.map_or(Some(Finish::default()), |e| meaning::surface(self, e))?;
+        self.surface = Some((finish, if element.is_some() { &self.bytes[start..self.at] } else { &[] }));
+        Some(0)
+    }
+
+    #[inline(always)]
+    fn find(&mut self, _: Code, _: Spot<'_, Self>, _: impl FnOnce(Finding, &str, &str) -> Finding) {
+        self.refuse();
     }
 }

@@ -18,6 +18,10 @@ impl Finding {
     pub(super) fn new(code: Code, at: Range<usize>, message: impl Into<String>) -> Self {
         Self { at, code, message: message.into(), expected: None, suggestion: None }
     }
+    pub(super) fn say(mut self, message: impl Into<String>) -> Self {
+        self.message = message.into();
+        self
+    }
     pub(super) fn expected(mut self, expected: impl Into<String>) -> Self {
         self.expected = Some(expected.into());
         self

@@ -38,6 +38,9 @@ const fn may(name: &'static str) -> Attribute {
     Attribute { name, required: false }
 }
 
+/// The attribute that names a file; all others hold a number.
+pub(super) const FILE: &str = "file";
+
 /// The most children in order, and the most attributes, that any model has.
 pub(super) const WIDEST: usize = 4;
 
@@ -73,7 +76,7 @@ pub(super) static PIGMENT: Model =
     Model { slots: &[one(&["color", "image"])], attributes: &[], content: "one color or one image" };
 pub(super) static IMAGE: Model = Model { slots: &[one(&["ppm"])], attributes: &[], content: "one ppm" };
 pub(super) static PPM: Model =
-    Model { slots: &[], attributes: &[must("file")], content: "nothing, not even white space" };
+    Model { slots: &[], attributes: &[must(FILE)], content: "nothing, not even white space" };
 pub(super) static TRIANGLE_BY_CORNERS: Model = Model {
     slots: &[one(&["c0"]), one(&["c1"]), one(&["c2"]), maybe(&["surface"])],
     attributes: &[],

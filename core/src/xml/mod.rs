@@ -11,6 +11,7 @@
 //! text would take 2 GB. It never sees a DOCTYPE, more than `piece::MAX_DEPTH` levels
 //! or `lex::MAX_ATTRIBUTES` attributes in a tag, all of which it can be made to choke
 //! on. How the text is cut changes neither scene nor diagnostics.
+//! What elements mean stands in `meaning`, once for trees and for the fast lane.
 //!
 //! Of large files there is no whole text: `stream` reads them block by block, as far as they are
 //! ordinary scenes without errors, with the same result.
@@ -27,6 +28,7 @@ mod finding;
 mod frame;
 mod grammar;
 mod lex;
+mod meaning;
 mod number;
 mod part;
 mod piece;

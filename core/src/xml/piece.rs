@@ -96,10 +96,10 @@ impl<'t> Reader<'t> {
                 if self.text.as_bytes()[at..stop].iter().all(|b| lex::is_space(*b)) {
                     return End::At(stop);
                 }
-                if let Some(seen) = self.fast.object(at) {
+                if let Some((object, end)) = self.fast.object(at) {
                     self.flush();
-                    at = seen.end;
-                    self.fast.take(seen, &mut self.part);
+                    at = end;
+                    self.fast.take(object, &mut self.part);
                     continue;
                 }
             }

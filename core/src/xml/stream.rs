@@ -233,9 +233,9 @@ impl Stream<'_> {
             if at >= stop || (last && bytes[at..].starts_with(b"</world")) {
                 break;
             }
-            let seen = fast.object(at)?;
-            at = seen.end;
-            fast.take(seen, &mut part);
+            let (object, end) = fast.object(at)?;
+            at = end;
+            fast.take(object, &mut part);
         }
         (at == stop || last).then_some((part, at))
     }
