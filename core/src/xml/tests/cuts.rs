@@ -38,13 +38,37 @@ fn object(r: &mut Random) -> String {
         "<surface><finish diffuse='1' reflect='1'/></surface>",
         "<surface><!-- c --><finish reflect='1'/></surface>",
     ]);
-    match r.below(5) {
+    // What makes a document wrong is rare, for most are to be read.
+    let is_wrong = r.below(200) == 0;
+    let wrong = r.pick(&[
+        "<surface><finish diffuse='1.5'/></surface>",
+        "<surface><pigment><image><ppm file='none.ppm'/></image></pigment></surface>",
+        "<surface><pigment><image><ppm file=''/></image></pigment></surface>",
+    ]);
+    let surface = if is_wrong { wrong } else { surface };
+    let up = r.pick(if is_wrong { &["0", "-1"] } else { &["1", "2.5"] });
+    match r.below(7) {
         0 => format!("<light>{gap}<position><vector x='{a}' y='{b}' z='1'/></position></light>"),
         1 => format!("<plane distance='{a}'><normal><vector x='{b}' y='1' z='1'/>{gap}</normal>{surface}</plane>"),
         2 => format!(
             "<sphere radius='{b}.5'><location><vector x='{a}' y='0' z='1e-3'/></location>{gap}{surface}</sphere>"
         ),
-        3 => format!(
+        3 => {
+            let pole = r.pick(&["", "<pole><vector x='0' y='0.5' z='0'/></pole>"]);
+            let equator = r.pick(&["", "<equator><vector x='1' y='0' z='0'/></equator>"]);
+            let equator = if is_wrong { equator.replace('1', "0") } else { equator.to_owned() };
+            format!(
+                "<sphere radius='{up}'><location><vector x='{b}' y='{a}' z='-0'/></location>{pole}{gap}{equator}{surface}</sphere>"
+            )
+        }
+        4 => {
+            let distance = if is_wrong { " distance='2'" } else { "" };
+            format!(
+                "<plane{distance}><normal><vector x='{b}' y='{up}' z='0'/></normal>\
+                 <point><vector x='0' y='{a}' z='1'/></point>{surface}</plane>"
+            )
+        }
+        5 => format!(
             "<triangle><c0><vector x='{a}' y='0' z='0'/></c0>{gap}<v1><vector x='1' y='{b}' z='0'/></v1>\
              <v2><vector x='0' y='1' z='0'/></v2>{surface}</triangle>"
         ),
