@@ -28,10 +28,38 @@ pub(super) const LOST: i64 = 1000;
 /// The giants of a scene, by rising id.
 #[derive(Debug, Default)]
 pub(crate) struct Giants {
-    pub(crate) spheres: Vec<(u32, GiantSphere)>,
-    /// The same spheres to twice the digits.
-    double_spheres: Vec<GiantSphere<DoubleDouble>>,
-    pub(crate) triangles: Vec<(u32, GiantTriangle)>,
+    /// And the same to twice the digits.
+    pub(crate) spheres: Vec<(ObjectId, (GiantSphere, GiantSphere<DoubleDouble>))>,
+    pub(crate) triangles: Vec<(ObjectId, GiantTriangle)>,
+}
+
+/// What is listed by this id.
+fn find<T>(list: &[(ObjectId, T)], id: ObjectId) -> Option<&T> {
+    let at = list.binary_search_by_key(&id, |(id, _)| *id).ok()?;
+    Some(&list[at].1)
+}
+
+/// The `numbers` of what is listed by `ids`, one in each lane, if one is; of what is not, nothing is known.
+#[inline(always)]
+fn eight<T, const N: usize>(
+    list: &[(ObjectId, T)],
+    ids: &[u32; 8],
+    numbers: fn(&T) -> [f64; N],
+) -> Option<[[f64; 8]; N]> {
+    if list.is_empty() {
+        return None;
+    }
+    let mut lanes = [[f64::NAN; 8]; N];
+    let mut any = false;
+    for (k, id) in ids.iter().enumerate() {
+        if let Some(found) = find(list, ObjectId(*id)) {
+            for (lanes, x) in lanes.iter_mut().zip(numbers(found)) {
+                lanes[k] = x;
+            }
+            any = true;
+        }
+    }
+    any.then_some(lanes)
 }
 
 /// Objects that may be giants, by the boxes of all.
@@ -66,73 +94,46 @@ impl Giants {
         candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         candidates.truncate(4 * MOST);
         let eye = scene.camera().location();
-        let mut spheres = Vec::new();
         for (_, id) in candidates {
-            match kind(scene, ObjectId(id)) {
-                Kind::Sphere(i) if spheres.len() < MOST && kept[usize::from(SPHERES)].contains(&id) => {
-                    let giant = GiantSphere::new(&scene.spheres()[i], eye, local.power);
-                    spheres.extend(giant.map(|(giant, double)| (id, giant, double)));
+            let id = ObjectId(id);
+            match kind(scene, id) {
+                Kind::Sphere(i) if giants.spheres.len() < MOST && kept[usize::from(SPHERES)].contains(&id.0) => {
+                    giants.spheres.extend(GiantSphere::new(&scene.spheres()[i], eye, local.power).map(|s| (id, s)));
                 }
-                Kind::Triangle(i) if giants.triangles.len() < MOST && kept[usize::from(TRIANGLES)].contains(&id) => {
-                    giants
-                        .triangles
-                        .extend(GiantTriangle::new(&scene.triangles()[i], eye, local.power).map(|t| (id, t)));
+                Kind::Triangle(i) if giants.triangles.len() < MOST && kept[usize::from(TRIANGLES)].contains(&id.0) => {
+                    let triangle = &scene.triangles()[i];
+                    giants.triangles.extend(GiantTriangle::new(triangle, eye, local.power).map(|t| (id, t)));
                 }
                 _ => {}
             }
         }
-        spheres.sort_unstable_by_key(|(id, ..)| *id);
-        giants.spheres = spheres.iter().map(|(id, giant, _)| (*id, *giant)).collect();
-        giants.double_spheres = spheres.iter().map(|(.., double)| *double).collect();
+        giants.spheres.sort_unstable_by_key(|(id, _)| *id);
         giants.triangles.sort_unstable_by_key(|(id, _)| *id);
         giants
     }
 
-    /// The sphere of this id, if it is a giant.
-    pub(crate) fn sphere(&self, id: u32) -> Option<&GiantSphere> {
-        let at = self.spheres.binary_search_by_key(&id, |(id, _)| *id).ok()?;
-        Some(&self.spheres[at].1)
+    /// The sphere of this id, if it is a giant; and the same to twice the digits.
+    pub(crate) fn sphere(&self, id: ObjectId) -> Option<&(GiantSphere, GiantSphere<DoubleDouble>)> {
+        find(&self.spheres, id)
     }
 
-    /// The sphere of this id to twice the digits, if it is a giant.
-    pub(super) fn double_sphere(&self, id: u32) -> Option<&GiantSphere<DoubleDouble>> {
-        let at = self.spheres.binary_search_by_key(&id, |(id, _)| *id).ok()?;
-        Some(&self.double_spheres[at])
+    /// The triangle of this id, if it is a giant.
+    pub(crate) fn triangle(&self, id: ObjectId) -> Option<&GiantTriangle> {
+        find(&self.triangles, id)
     }
 
     /// The spheres `ids`, one in each lane, if one of them is a giant; of what is none, nothing is known.
     #[inline(always)]
     pub(crate) fn eight_spheres<S: Simd>(&self, ids: &[u32; 8]) -> Option<GiantSphere<S::F64x8>> {
-        let mut lanes = [[f64::NAN; 8]; 5];
-        let mut any = false;
-        for (k, id) in ids.iter().enumerate() {
-            if let Some(s) = self.sphere(*id) {
-                (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k], lanes[4][k]) = (s.m.x, s.m.y, s.m.z, s.q, s.k);
-                any = true;
-            }
-        }
-        let (q, k) = (S::F64x8::load(&lanes[3]), S::F64x8::load(&lanes[4]));
-        any.then(|| GiantSphere { m: three::<S>(&lanes, 0), q, k })
+        let lanes = eight(&self.spheres, ids, |(s, _)| [s.m.x, s.m.y, s.m.z, s.q, s.k])?;
+        Some(GiantSphere { m: three::<S>(&lanes, 0), q: S::F64x8::load(&lanes[3]), k: S::F64x8::load(&lanes[4]) })
     }
 
     /// The planes of triangles `ids`, as [`Self::eight_spheres`].
     #[inline(always)]
     pub(crate) fn eight_triangles<S: Simd>(&self, ids: &[u32; 8]) -> Option<LocalPlane<S::F64x8>> {
-        let mut lanes = [[f64::NAN; 8]; 4];
-        let mut any = false;
-        for (k, id) in ids.iter().enumerate() {
-            if let Some(GiantTriangle { plane: LocalPlane { n, h }, .. }) = self.triangle(*id) {
-                (lanes[0][k], lanes[1][k], lanes[2][k], lanes[3][k]) = (n.x, n.y, n.z, *h);
-                any = true;
-            }
-        }
-        any.then(|| LocalPlane { n: three::<S>(&lanes, 0), h: S::F64x8::load(&lanes[3]) })
-    }
-
-    /// The triangle of this id, if it is a giant.
-    pub(crate) fn triangle(&self, id: u32) -> Option<&GiantTriangle> {
-        let at = self.triangles.binary_search_by_key(&id, |(id, _)| *id).ok()?;
-        Some(&self.triangles[at].1)
+        let lanes = eight(&self.triangles, ids, |t| [t.plane.n.x, t.plane.n.y, t.plane.n.z, t.plane.h])?;
+        Some(LocalPlane { n: three::<S>(&lanes, 0), h: S::F64x8::load(&lanes[3]) })
     }
 }
 

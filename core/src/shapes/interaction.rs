@@ -73,14 +73,7 @@ pub(crate) fn interaction_double(
         DoubleObject::Triangle(triangle) => triangle::interaction(ray, triangle),
         DoubleObject::Sphere(sphere, giant) => {
             let own = flag(from.is_some_and(|f| f.id == decision.id));
-            let found = sphere::interaction(ray, sphere, flag(decision.inside), own);
-            match giant {
-                Some(giant) => {
-                    let around_eye = sphere::giant_interaction(ray, giant, flag(decision.inside), own);
-                    SurfaceInteraction::better(around_eye, found)
-                }
-                None => found,
-            }
+            sphere::interaction(ray, sphere, giant.as_ref(), flag(decision.inside), own)
         }
     }
 }

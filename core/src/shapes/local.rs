@@ -137,7 +137,7 @@ impl Local {
             Kind::Plane(i) => DoubleObject::Plane(self.double_planes[i]),
             Kind::Sphere(i) => {
                 let sphere = LocalSphere::double(&scene.spheres()[i], self.spheres[i].r, self);
-                DoubleObject::Sphere(sphere, giants.double_sphere(id.0).copied())
+                DoubleObject::Sphere(sphere, giants.sphere(id).map(|(_, double)| *double))
             }
             Kind::Triangle(i) => DoubleObject::Triangle(LocalTriangle::double(&scene.triangles()[i], self)),
         })

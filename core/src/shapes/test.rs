@@ -18,19 +18,9 @@ pub(crate) fn test(
     match kind(scene, id) {
         Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => None,
         Kind::Plane(i) => plane::test(ray, &local.planes[i]),
-        Kind::Sphere(i) => {
-            let s = &local.spheres[i];
-            match (own, giants.sphere(id.0)) {
-                (Some(f), _) if !f.inside => None,
-                (Some(_), Some(giant)) => sphere::giant::test_from_inside(ray, giant),
-                (Some(_), None) => sphere::test_from_inside(ray, s),
-                (None, Some(giant)) => sphere::giant::test(ray, giant)
-                    .and_then(|span| if span.sure { Some(span) } else { sphere::test(ray, s) }),
-                (None, None) => sphere::test(ray, s),
-            }
-        }
+        Kind::Sphere(i) => sphere::test(ray, &local.spheres[i], giants.sphere(id).map(|(giant, _)| giant), own),
         Kind::Triangle(i) => {
-            if let Some(giant) = giants.triangle(id.0)
+            if let Some(giant) = giants.triangle(id)
                 && let Ok(span) = triangle::giant::test(ray, giant)
             {
                 return span;
@@ -46,14 +36,10 @@ pub(crate) fn test_double(
     object: &DoubleObject,
     own: Option<Decision>,
 ) -> Option<Span<DoubleDouble>> {
-    match (object, own) {
-        (DoubleObject::Sphere(_, Some(giant)), Some(own)) if own.inside => sphere::giant::test_from_inside(ray, giant),
-        (DoubleObject::Sphere(sphere, None), Some(own)) if own.inside => sphere::test_from_inside(ray, sphere),
-        (_, Some(_)) => None,
-        (DoubleObject::Plane(plane), _) => plane::test(ray, plane),
-        (DoubleObject::Triangle(triangle), _) => triangle::test(ray, triangle),
-        (DoubleObject::Sphere(sphere, Some(giant)), _) => sphere::giant::test(ray, giant)
-            .and_then(|span| if span.sure { Some(span) } else { sphere::test(ray, sphere) }),
-        (DoubleObject::Sphere(sphere, None), _) => sphere::test(ray, sphere),
+    match object {
+        DoubleObject::Sphere(s, giant) => sphere::test(ray, s, giant.as_ref(), own),
+        _ if own.is_some() => None,
+        DoubleObject::Plane(plane) => plane::test(ray, plane),
+        DoubleObject::Triangle(triangle) => triangle::test(ray, triangle),
     }
 }

@@ -36,8 +36,10 @@ impl Filter {
         let Boxes::F32(bvh) = boxes else { return None };
         let (first, first_triangle) = (first_sphere(scene), first_triangle(scene));
         // Which giants f32 holds: of others nothing is sure in leaves.
-        let spheres: Vec<_> = giants.spheres.iter().filter_map(sphere::filter::Giant::new).collect();
-        let triangles: Vec<_> = giants.triangles.iter().filter_map(triangle::filter::Giant::new).collect();
+        let spheres: Vec<_> =
+            giants.spheres.iter().filter_map(|(id, (s, _))| sphere::filter::Giant::new(*id, s)).collect();
+        let triangles: Vec<_> =
+            giants.triangles.iter().filter_map(|(id, t)| triangle::filter::Giant::new(*id, t)).collect();
         let triangle = |id| {
             if triangles.iter().any(|t| t.id == id) {
                 return triangle::filter::never(f32::from_tag(id));

@@ -53,14 +53,8 @@ impl Stage<'_> {
                 same[k] = if own[k] != NONE && (met[k] ^ own[k]) & !INSIDE == 0 { 1.0 } else { 0.0 };
             }
             let (ray, inner, same) = (rays.pick::<S>(&at), S::F64x8::load(&inner), S::F64x8::load(&same));
-            let mut interaction =
-                sphere::interaction(&ray, &sphere::eight::<S>(&local.spheres, &ids, planes), inner, same);
-            if !giants.spheres.is_empty()
-                && let Some(giant) = giants.eight_spheres::<S>(&ids)
-            {
-                let around_eye = sphere::giant_interaction(&ray, &giant, inner, same);
-                interaction = SurfaceInteraction::better(around_eye, interaction);
-            }
+            let (spheres, giants) = (sphere::eight::<S>(&local.spheres, &ids, planes), giants.eight_spheres::<S>(&ids));
+            let interaction = sphere::interaction(&ray, &spheres, giants.as_ref(), inner, same);
             self.put::<S>(rays, interactions, &at, &ids, &interaction);
         }
         for at in (0..kinds.counts[2]).step_by(8) {
@@ -69,9 +63,7 @@ impl Stage<'_> {
             let ray = rays.pick::<S>(&at);
             let mut interaction =
                 triangle::interaction(&ray, &triangle::eight::<S>(local, scene.triangles(), &ids, spheres));
-            if !giants.triangles.is_empty()
-                && let Some(plane) = giants.eight_triangles::<S>(&ids)
-            {
+            if let Some(plane) = giants.eight_triangles::<S>(&ids) {
                 interaction = SurfaceInteraction::better(plane::interaction(&ray, &plane), interaction);
             }
             self.put::<S>(rays, interactions, &at, &ids, &interaction);

@@ -5,6 +5,7 @@
 
 use super::LocalSphere;
 use super::giant::GiantSphere;
+use crate::shapes::ObjectId;
 use crate::shapes::filter::{Intersection, Ray, U32, each, is_normal, norm1, single};
 use crate::simd::{F32x8, Floats, MOST, Rows};
 
@@ -138,8 +139,8 @@ pub(crate) struct Giant {
 
 impl Giant {
     /// The sphere, where f32 holds its numbers.
-    pub(crate) fn new((id, s): &(u32, GiantSphere)) -> Option<Self> {
-        let giant = Self { id: *id, m: single(s.m), q: s.q as f32, k: s.k as f32 };
+    pub(crate) fn new(ObjectId(id): ObjectId, s: &GiantSphere) -> Option<Self> {
+        let giant = Self { id, m: single(s.m), q: s.q as f32, k: s.k as f32 };
         (is_normal(giant.q) && is_normal(giant.k)).then_some(giant)
     }
 }

@@ -7,9 +7,25 @@ use crate::shapes::interaction::point;
 use crate::shapes::{Ray, SurfaceInteraction};
 use crate::simd::{F64x8, Simd, three};
 
-/// `inner` > 0 where the inner side is struck, `own` > 0 where the ray starts on this sphere.
+/// `inner` > 0 where the inner side is struck, `own` > 0 where the ray starts on this sphere; `around_eye` is the sphere
+/// again, if it is a giant.
 #[inline(always)]
-pub(crate) fn interaction<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
+pub(crate) fn interaction<R: Real>(
+    ray: &Ray<R>,
+    s: &LocalSphere<R>,
+    around_eye: Option<&GiantSphere<R>>,
+    inner: R,
+    own: R,
+) -> SurfaceInteraction<R> {
+    let found = by_center(ray, s, inner, own);
+    match around_eye {
+        Some(giant) => SurfaceInteraction::better(by_eye(ray, giant, inner, own), found),
+        None => found,
+    }
+}
+
+#[inline(always)]
+fn by_center<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
     let (near, far, e) = distances(ray, s);
     let (other, e_other) = other_root(ray, s);
     let t = own.if_positive(other, inner.if_positive(far, near));
@@ -21,7 +37,7 @@ pub(crate) fn interaction<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>, inner: R, o
 
 /// The same on a sphere described around the eye.
 #[inline(always)]
-pub(crate) fn giant_interaction<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
+fn by_eye<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
     let (t, et) = giant::distance(ray, s, inner, own);
     let (p, ep) = point(ray, t, et);
     let (n, en) = giant::normal(s, p, ep);

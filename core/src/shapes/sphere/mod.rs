@@ -22,11 +22,12 @@ mod local;
 pub(crate) mod proof;
 pub(crate) mod texture;
 
+use giant::GiantSphere;
 use glam::DVec3;
 
-pub(crate) use interaction::{eight, giant_interaction, interaction};
+pub(crate) use interaction::{eight, interaction};
 
-use super::{Ray, Span};
+use super::{Decision, Ray, Span};
 use crate::numeric::{Real, Scalar, TINY, V3};
 
 /// A sphere in local space; its centre is within U·|c| of the real one.
@@ -90,8 +91,27 @@ pub(crate) fn other_root<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> (R, R) {
     (t, e)
 }
 
-/// Where the ray meets the sphere first.
-pub(crate) fn test<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
+/// Where `ray`, which starts on the sphere as `own` says, if it does, meets it first; `around_eye` is the sphere again,
+/// if it is a giant.
+pub(crate) fn test<R: Scalar>(
+    ray: &Ray<R>,
+    s: &LocalSphere<R>,
+    around_eye: Option<&GiantSphere<R>>,
+    own: Option<Decision>,
+) -> Option<Span<R>> {
+    match (own, around_eye) {
+        (Some(own), _) if !own.inside => None,
+        (Some(_), Some(giant)) => giant::test_from_inside(ray, giant),
+        (Some(_), None) => test_from_inside(ray, s),
+        (None, Some(giant)) => {
+            giant::test(ray, giant).and_then(|span| if span.sure { Some(span) } else { test_from_elsewhere(ray, s) })
+        }
+        (None, None) => test_from_elsewhere(ray, s),
+    }
+}
+
+/// Where a ray that starts elsewhere meets the sphere first.
+fn test_from_elsewhere<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
     let k = |x: f64| R::splat(x);
     let zero = k(0.0);
     let Roots { near, far, e, qq, delta } = roots(ray, s);
@@ -115,7 +135,7 @@ pub(crate) fn test<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R
 }
 
 /// Where a ray that starts on the sphere's inner side meets it again.
-pub(crate) fn test_from_inside<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
+fn test_from_inside<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
     let (t, e) = other_root(ray, s);
     // The real distance is above 0 whatever the bound says: the ray points inward.
     let (lo, hi) = ((t - e).max(R::splat(0.0)), t + e);

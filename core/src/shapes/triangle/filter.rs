@@ -6,7 +6,7 @@
 use super::giant::GiantTriangle;
 use crate::numeric::{U, V3};
 use crate::shapes::filter::{Intersection, Ray, U32, each, is_normal, norm1, single};
-use crate::shapes::plane;
+use crate::shapes::{ObjectId, plane};
 use crate::simd::{F32x8, Floats, MOST, Rows};
 
 /// Numbers of a triangle, as linear functions of a point P: the unit normal n and n · c0; u and u0,
@@ -136,12 +136,11 @@ pub(crate) struct Giant {
 
 impl Giant {
     /// The triangle, where f32 holds its numbers.
-    pub(crate) fn new((id, t): &(u32, GiantTriangle)) -> Option<Self> {
+    pub(crate) fn new(ObjectId(id): ObjectId, t: &GiantTriangle) -> Option<Self> {
         let plane = plane::filter::Plane { n: single(t.plane.n), h: t.plane.h as f32, through_eye: false };
         let slope = ((t.u.norm1() + t.v.norm1()) * (1.0 + 1e-6)) as f32;
         let terms = ((t.u0.abs() + t.v0.abs() + 1.0) * (1.0 + 1e-6)) as f32;
-        let giant =
-            Self { id: *id, plane, u: single(t.u), u0: t.u0 as f32, v: single(t.v), v0: t.v0 as f32, slope, terms };
+        let giant = Self { id, plane, u: single(t.u), u0: t.u0 as f32, v: single(t.v), v0: t.v0 as f32, slope, terms };
         (is_normal(giant.plane.h) && slope < 1e25 && terms < 1e25).then_some(giant)
     }
 }
