@@ -26,8 +26,8 @@ pub(crate) struct Cover {
 pub(crate) enum Depth {
     /// Of a flat object.
     Flat(Linear),
-    /// Of the near side of a sphere: (l + √q) / k.
-    Ball { l: Linear, q: Quadratic, k: f64 },
+    /// Of the near side of a sphere: (l + √q) / k; and its radius.
+    Ball { l: Linear, q: Quadratic, k: f64, r: f64 },
     /// Anything.
     Unknown,
 }
@@ -107,7 +107,7 @@ impl Depth {
                     (lo[k], hi[k]) = (values[k] - spread, values[k] + spread);
                 }
             }
-            Self::Ball { l, q, k: k2 } => {
+            Self::Ball { l, q, k: k2, .. } => {
                 let (values, spread) = (row(l, tile, j), l.spread());
                 for k in 0..8 {
                     let (root, s) = (q.at(tile.x[k], tile.y[j]), q.spread(tile.x[k], tile.y[j]));

@@ -15,7 +15,7 @@ use crate::sampling::points::{Sequence, centre, mix};
 use crate::sampling::proof::prove;
 use crate::scene::{Pigment, PlanePosition, SceneBuilder, Surface};
 use crate::settings::{Sampling, Settings, Transfer, View};
-use crate::shapes::beam::cover;
+use crate::shapes::beam::Figure;
 use crate::shapes::{Kind, ObjectId, kind};
 use crate::traverse::PreparedScene;
 
@@ -102,14 +102,14 @@ fn meets(tracer: &Tracer, id: u32, origin: DVec3, direction: DVec3) -> Option<Op
     const CLEAR: f64 = 1e-7;
     let prepared = tracer.prepared();
     match kind(&prepared.scene, ObjectId(id)) {
-        Kind::Plane(i) => {
+        (Kind::Plane, i) => {
             let (n, h) = (prepared.local.planes[i].n.to_dvec3(), prepared.local.planes[i].h);
             let (above, down) = (h - n.dot(origin), n.dot(direction));
             let unclear = above.abs() < CLEAR * (h.abs() + origin.length())
                 || down.abs() < CLEAR * n.length() * direction.length();
             if unclear { None } else { Some(Some(above / down).filter(|t| *t > 0.0)) }
         }
-        Kind::Sphere(i) => {
+        (Kind::Sphere, i) => {
             let s = &prepared.local.spheres[i];
             let to = s.center() - origin;
             let (a, b, c) = (direction.dot(direction), to.dot(direction), to.dot(to) - s.r * s.r);
@@ -120,7 +120,7 @@ fn meets(tracer: &Tracer, id: u32, origin: DVec3, direction: DVec3) -> Option<Op
             let t = if c > 0.0 { (b - root.max(0.0).sqrt()) / a } else { (b + root.max(0.0).sqrt()) / a };
             Some(Some(t).filter(|t| root > 0.0 && *t > 0.0))
         }
-        Kind::Triangle(i) => {
+        (Kind::Triangle, i) => {
             let v = prepared.local.triangle(&prepared.scene.triangles()[i]).v.map(|v| v.to_dvec3() - origin);
             let n = (v[1] - v[0]).cross(v[2] - v[0]);
             let (above, down) = (n.dot(v[0]), n.dot(direction));
@@ -181,8 +181,8 @@ fn check_all(tracer: &Tracer, lens: &Lens, tile: &Tile, random: &mut Random) {
     assert!(gather(&tracer.prepared().boxes, &Pyramid::new(lens, tile), 1000, &mut found));
     for id in ids(tracer) {
         let prepared = tracer.prepared();
-        let (cover, _) = cover(&prepared.scene, &prepared.local, ObjectId(id), lens, tile);
-        let is_plane = matches!(kind(&tracer.prepared().scene, ObjectId(id)), Kind::Plane(_));
+        let (cover, _) = Figure::of(&prepared.scene, &prepared.local, ObjectId(id)).cover(lens, tile);
+        let is_plane = kind(&tracer.prepared().scene, ObjectId(id)).0 == Kind::Plane;
         check_cover(tracer, id, &cover, lens, tile, random, is_plane || found.contains(&id));
     }
 }
@@ -246,7 +246,7 @@ proptest! {
             let aside = random.direction();
             let to = center + aside * (radius * random.next() / aside.length()) - light;
             for id in ids(&tracer) {
-                if matches!(kind(&tracer.prepared().scene, ObjectId(id)), Kind::Plane(_)) {
+                if kind(&tracer.prepared().scene, ObjectId(id)).0 == Kind::Plane {
                     continue;
                 }
                 if let Some(Some(t)) = meets(&tracer, id, light, to) && t < 1.0 - 1e-6 {

@@ -39,7 +39,7 @@ pub(crate) fn closest<const N: usize>(
 ) -> Result<Option<(Decision, Distance<N>)>, Unsure> {
     let mut best: Option<(Decision, Distance<N>, u32)> = None;
     for id in candidates {
-        let Some((t, inside)) = intersect(&prepared.scene, &prepared.exact_planes, ray, id)? else { continue };
+        let Some((t, inside)) = intersect(&prepared.scene, &prepared.local, ray, id)? else { continue };
         let order = surface_and_order(&prepared.scene, id).1;
         let nearer = match &best {
             None => true,
@@ -66,7 +66,7 @@ pub(crate) fn occluded<const N: usize>(
 ) -> Result<bool, Unsure> {
     let one = Distance { t: Big::new(1.0), error: Bound::ZERO };
     for id in candidates {
-        if let Some((t, _)) = intersect(&prepared.scene, &prepared.exact_planes, ray, id)?
+        if let Some((t, _)) = intersect(&prepared.scene, &prepared.local, ray, id)?
             && t.compare(&one)? == Ordering::Less
         {
             return Ok(true);

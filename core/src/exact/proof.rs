@@ -42,8 +42,6 @@ pub(crate) struct CameraPath<'a> {
 /// A path, and what is asked about it.
 pub(crate) struct Proof<'a, const N: usize> {
     scene: &'a Scene,
-    /// Lengths times 2^scale are integers.
-    scale: i64,
     roots: Roots,
     line: Line<N>,
 }
@@ -68,11 +66,11 @@ impl<'a, const N: usize> Proof<'a, N> {
         let (zoom, height) = (Ball::scaled(view.zoom(), power), Ball::scaled(view.plane_height(), power));
         let [x, y] = point.map(|x| Ball::integer(f64::from(x)));
         let d = f * (zoom * Ball::integer(units) * long) + right * (height * far * x) + up * (height * y);
-        let line = Line { x: eye, w: Ball::integer(1.0), d, from: None };
-        let mut proof = Self { scene, scale, roots, line };
+        let line = Line { x: eye, w: Ball::integer(1.0), d, scale, from: None };
+        let mut proof = Self { scene, roots, line };
         for &decision in trail {
             let spot = proof.spot(decision)?;
-            proof.line = spot.reflect(&proof.line.d);
+            proof.line = spot.reflect(&proof.line);
         }
         Ok(proof)
     }
@@ -89,8 +87,8 @@ impl<'a, const N: usize> Proof<'a, N> {
                 Balls::scaled(d, scale)
             }
         };
-        let line = Line { x: Balls::scaled(origin, scale), w: Ball::integer(1.0), d, from: None };
-        Self { scene, scale, roots: Roots::default(), line }
+        let line = Line { x: Balls::scaled(origin, scale), w: Ball::integer(1.0), d, scale, from: None };
+        Self { scene, roots: Roots::default(), line }
     }
 
     /// Which of `candidates` the line meets first; equal distances go to the first in the document.
@@ -101,7 +99,7 @@ impl<'a, const N: usize> Proof<'a, N> {
     fn first(&mut self, candidates: &[ObjectId]) -> Result<Option<(Along<N>, Decision)>, Unsure> {
         let mut best: Option<(Along<N>, Decision, u32)> = None;
         for &id in candidates {
-            let Some((along, inside)) = intersect(self.scene, &self.line, id, self.scale, &mut self.roots)? else {
+            let Some((along, inside)) = intersect(self.scene, &self.line, id, &mut self.roots)? else {
                 continue;
             };
             let order = surface_and_order(self.scene, id).1;
@@ -119,8 +117,8 @@ impl<'a, const N: usize> Proof<'a, N> {
     /// Whether one of `candidates` stands between the point of `met` and `light`.
     pub(crate) fn occluded(&mut self, met: Decision, light: DVec3, candidates: &[ObjectId]) -> Result<bool, Unsure> {
         let spot = self.spot(met)?;
-        let d = Balls::scaled(light, self.scale) * spot.w - spot.x;
-        self.line = Line { x: spot.x, w: spot.w, d, from: Some(met) };
+        let d = Balls::scaled(light, self.line.scale) * spot.w - spot.x;
+        self.line = Line { x: spot.x, w: spot.w, d, from: Some(met), ..self.line };
         self.blocked(candidates)
     }
 
@@ -129,7 +127,7 @@ impl<'a, const N: usize> Proof<'a, N> {
         let light = Along { num: Ball::integer(1.0), den: Ball::integer(1.0) };
         let mut open = false;
         for &id in candidates {
-            let met = intersect(self.scene, &self.line, id, self.scale, &mut self.roots);
+            let met = intersect(self.scene, &self.line, id, &mut self.roots);
             match met.and_then(|m| m.map_or(Ok(false), |(t, _)| Ok(t.compare(&light)?.is_lt()))) {
                 Ok(true) => return Ok(true),
                 Ok(false) => {}
@@ -141,7 +139,7 @@ impl<'a, const N: usize> Proof<'a, N> {
 
     /// Whether the point is that of `light`.
     pub(crate) fn is_at(&self, point: &Point<N>, light: DVec3) -> Result<bool, Unsure> {
-        let away = Balls::scaled(light, self.scale) * point.w - point.x;
+        let away = Balls::scaled(light, self.line.scale) * point.w - point.x;
         for c in away.0 {
             if c.sign()? != 0 {
                 return Err(Unsure);
@@ -152,7 +150,7 @@ impl<'a, const N: usize> Proof<'a, N> {
 
     /// At which pole of the sphere of `met` the point is: 1, or −1 for the one across; unsure elsewhere.
     pub(crate) fn at_pole(&self, point: &Point<N>, met: Decision) -> Result<i32, Unsure> {
-        let Kind::Sphere(i) = kind(self.scene, met.id) else { return Err(Unsure) };
+        let (Kind::Sphere, i) = kind(self.scene, met.id) else { return Err(Unsure) };
         let pole = direction(self.scene.orientation(i as u32).ok_or(Unsure)?.pole);
         for c in point.n.cross(&pole).0 {
             if c.sign()? != 0 {
@@ -164,7 +162,7 @@ impl<'a, const N: usize> Proof<'a, N> {
 
     /// The point where the line meets `met`, known to be what it meets.
     fn spot(&mut self, met: Decision) -> Result<Spot<N>, Unsure> {
-        proof::spot(self.scene, &self.line, met, self.scale, &mut self.roots)
+        proof::spot(self.scene, &self.line, met, &mut self.roots)
     }
 
     /// The point where the line meets `met`: in world space, with the line's direction, and as it is.
@@ -175,7 +173,7 @@ impl<'a, const N: usize> Proof<'a, N> {
         if !d.is_known_to(80) || !spot.w.is_known_to(80) || !spot.n.is_known_to(80) {
             return Err(Unsure);
         }
-        let shrink = -self.scale;
+        let shrink = -self.line.scale;
         let w = *spot.w.mid();
         let p = spot.x.mid();
         let rounding = Bound::rounding::<N>();

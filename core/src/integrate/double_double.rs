@@ -10,7 +10,7 @@ use super::refine::{Case, Refined, Start};
 use super::shade;
 use crate::numeric::{DoubleDouble, Real, U, V3};
 use crate::shapes::{Decision, ObjectId, Ray, Span, SurfaceInteraction, interaction_double, test_double};
-use crate::traverse::{Closest, Occluded, Scratch};
+use crate::traverse::{Closest, Occluded, PreparedScene, Scratch};
 
 /// Longer paths are left to the refiner: few of them have digits left.
 const SHORT: usize = 64;
@@ -147,8 +147,8 @@ impl DoubleDoublePath {
             return Some(interaction);
         }
         let prepared = &case.tracer.prepared;
-        let object = prepared.local.double(&prepared.scene, &prepared.giants, decision.id)?;
-        let interaction = interaction_double(&self.ray, &object, decision, self.from);
+        let PreparedScene { scene, local, .. } = &**prepared;
+        let interaction = interaction_double(scene, local, &self.ray, decision, self.from)?;
         self.met = Some((decision, interaction));
         Some(interaction)
     }
@@ -161,7 +161,6 @@ fn test(
     id: ObjectId,
     from: Option<Decision>,
 ) -> Option<Option<Span<DoubleDouble>>> {
-    let prepared = &case.tracer.prepared;
-    let object = prepared.local.double(&prepared.scene, &prepared.giants, id)?;
-    Some(test_double(ray, &object, from.filter(|f| f.id == id)))
+    let PreparedScene { scene, local, .. } = &*case.tracer.prepared;
+    test_double(scene, local, ray, id, from.filter(|f| f.id == id))
 }

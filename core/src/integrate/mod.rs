@@ -18,8 +18,8 @@ use crate::film::transfer::to_linear;
 use crate::film::{GRID, PlanePoint};
 use crate::scene::{Pigment, Scene, TextureId};
 use crate::settings::{Sampling, Settings};
+use crate::shapes::ObjectId;
 use crate::shapes::texture::{self, Mapping};
-use crate::shapes::{ObjectId, kind};
 use crate::simd::{Level, dispatch};
 use crate::traverse::PreparedScene;
 use crate::traverse::filter::Filter;
@@ -264,7 +264,7 @@ impl Tracer {
     pub(crate) fn picture_color(&self, picture: TextureId, uv: DVec2, id: ObjectId) -> DVec3 {
         let scene = &self.prepared.scene;
         let at = picture.0 as usize;
-        self.texels[at].sample(&scene.textures()[at], uv, texture::wraps(kind(scene, id)))
+        self.texels[at].sample(&scene.textures()[at], uv, texture::wraps(scene, id))
     }
 
     /// What is seen through `points`, by rays of more weight than `least`. Sequential: callers spread

@@ -59,7 +59,7 @@ impl<const N: usize> ExactPath<N> {
         let prepared = &case.tracer.prepared;
         Ok(match known {
             Some((_, hit)) => hit,
-            none => &none.insert((decision, hit(&prepared.scene, &prepared.exact_planes, ray, decision)?)).1,
+            none => &none.insert((decision, hit(&prepared.scene, &prepared.local, ray, decision)?)).1,
         })
     }
 

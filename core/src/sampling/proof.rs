@@ -12,9 +12,9 @@ use crate::beam::lens::{HALF, Lens, Linear, MARGIN, Pixels, Tile, greater, pixel
 use crate::film::PlanePoint;
 use crate::integrate::Tracer;
 use crate::scene::Pigment;
-use crate::shapes::beam::{cover, supporting_plane};
+use crate::shapes::ObjectId;
+use crate::shapes::beam::Figure;
 use crate::shapes::triangle::beam::Outline;
-use crate::shapes::{Kind, ObjectId, kind};
 use crate::simd::{Kernel, Simd};
 use crate::traverse::PreparedScene;
 
@@ -199,7 +199,7 @@ impl<'a> View<'a> {
     #[inline(always)]
     fn candidate(&self, id: u32) -> Candidate {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
-        let (cover, triangle) = cover(scene, local, ObjectId(id), &self.lens, self.tile);
+        let (cover, triangle) = Figure::of(scene, local, ObjectId(id)).cover(&self.lens, self.tile);
         Candidate { id, cover, triangle, alive: 0 }
     }
 
@@ -319,11 +319,7 @@ impl<'a> View<'a> {
                 let spread = w.spread();
                 receiver.pixels & !pixels_above(&w, self.tile, 8.0 * spread)
             }
-            Depth::Ball { .. } => {
-                let Kind::Sphere(i) = kind(&self.tracer.prepared().scene, ObjectId(receiver.id)) else {
-                    return receiver.pixels;
-                };
-                let r = self.tracer.prepared().local.spheres[i].r;
+            Depth::Ball { r, .. } => {
                 // Over a width in which normals turn by so much, cosines bend by a twenty-fourth of its square.
                 let material = self.tracer.material(ObjectId(receiver.id));
                 let light = self.tracer.prepared().local.lights.len() as f64 * material.albedo.max_element();
@@ -348,7 +344,7 @@ impl<'a> View<'a> {
     /// Looks into a mirror.
     fn reflect(&self, receiver: &Receiver, weight: f64, doubt: &mut Doubt, views: &mut Vec<(View<'a>, Pixels)>) {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
-        let plane = supporting_plane(scene, local, ObjectId(receiver.id));
+        let plane = Figure::of(scene, local, ObjectId(receiver.id)).supporting_plane();
         match (plane, receiver.depth) {
             (Some((n, h)), Depth::Flat(w)) if self.behind < MIRRORS => {
                 let lens = self.lens.mirrored(n, h);

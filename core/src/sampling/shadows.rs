@@ -6,7 +6,7 @@ use crate::beam::cover::{Depth, Shape};
 use crate::beam::gather::{Shaft, gather};
 use crate::beam::lens::{MARGIN, Pixels, Tile, pixels_above, row};
 use crate::shapes::ObjectId;
-use crate::shapes::beam::{Blocker, corners, cover, supporting_plane};
+use crate::shapes::beam::{Blocker, Figure};
 use crate::traverse::PreparedScene;
 
 use super::coverage::Shapes;
@@ -141,7 +141,7 @@ impl View<'_> {
     #[inline(always)]
     fn surface(&self, receiver: &Receiver) -> Surface {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
-        let corners = corners(scene, local, ObjectId(receiver.id));
+        let corners = Figure::of(scene, local, ObjectId(receiver.id)).corners();
         Surface { receiver: *receiver, flat: self.flat(receiver.id), corners, albedo: self.albedo(receiver) }
     }
 
@@ -149,7 +149,7 @@ impl View<'_> {
     #[inline(always)]
     fn blocker(&self, id: u32, hull: &[DVec3; 8], light: DVec3, shaft: &Shaft) -> Option<(u32, Blocker)> {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
-        Some((id, Blocker::new(scene, local, ObjectId(id), hull, light, shaft)?))
+        Some((id, Figure::of(scene, local, ObjectId(id)).blocker(hull, light, shaft)?))
     }
 
     /// What a light that falls in vertically makes of it.
@@ -161,7 +161,7 @@ impl View<'_> {
     #[inline(always)]
     fn flat(&self, id: u32) -> Option<Flat> {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
-        let (n, h) = supporting_plane(scene, local, ObjectId(id))?;
+        let (n, h) = Figure::of(scene, local, ObjectId(id)).supporting_plane()?;
         Some(if n.dot(self.lens.apex) < h { Flat { n: -n, h: -h } } else { Flat { n, h } })
     }
 
@@ -237,7 +237,7 @@ impl View<'_> {
         let PreparedScene { scene, local, .. } = self.tracer.prepared();
         let (mut touched, mut covered) = (0, 0);
         for &id in blockers {
-            let (cover, triangle) = cover(scene, local, ObjectId(id), &lens, self.tile);
+            let (cover, triangle) = Figure::of(scene, local, ObjectId(id)).cover(&lens, self.tile);
             let (mut before, mut beyond) = (0, 0);
             for j in 0..8 {
                 if (cover.touched & receiver.pixels) >> (8 * j) & 0xff == 0 {

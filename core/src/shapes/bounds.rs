@@ -1,25 +1,33 @@
 //! Where objects are, and which are one.
 
-use super::{Aabb, Kind, Local, ObjectId, kind, sphere, triangle};
+use glam::DVec3;
+
+use super::{Aabb, Listed, Local, ObjectId, kind, of_shape};
 use crate::scene::Scene;
 
-/// The box of object `id`, its rounding included; empty where nothing ever meets it, and of planes.
-pub(crate) fn bounds(scene: &Scene, local: &Local, id: ObjectId) -> Aabb {
-    match kind(scene, id) {
-        Kind::Plane(_) => Aabb::EMPTY,
-        Kind::Sphere(i) => sphere::bounds::bounds(&local.spheres[i]),
-        Kind::Triangle(i) => triangle::bounds::bounds(&scene.triangles()[i], local),
+/// Where an object is.
+pub(crate) trait Bounds: Listed {
+    /// Its box, rounding included, it being the `i`-th of its shape; empty where nothing ever meets it, and of what
+    /// leaves do not hold.
+    fn bounds(&self, i: usize, local: &Local) -> Aabb;
+
+    /// A quarter of how far it reaches from the eye: `far` says that of a point; 0 of what is infinitely large.
+    fn reach(&self, far: impl Fn(DVec3) -> f64) -> f64;
+
+    /// Whether two are the same but for their surfaces: the first of them in the document is what is met where either
+    /// is, at the very same distance, so that the other never matters.
+    fn coincides(&self, _other: &Self) -> bool {
+        false
     }
 }
 
-/// Whether two objects are the same sphere, or triangles with the same corners: the first of them in the
-/// document is what is met where either is, at the very same distance, so that the other never matters.
+/// The box of object `id`.
+pub(crate) fn bounds(scene: &Scene, local: &Local, id: ObjectId) -> Aabb {
+    of_shape!(scene, id, O, i => O::all(scene)[i].bounds(i, local))
+}
+
+/// Whether two objects [coincide](Bounds::coincides).
 pub(crate) fn coincide(scene: &Scene, a: ObjectId, b: ObjectId) -> bool {
-    match (kind(scene, a), kind(scene, b)) {
-        (Kind::Sphere(i), Kind::Sphere(j)) => sphere::bounds::coincide(&scene.spheres()[i], &scene.spheres()[j]),
-        (Kind::Triangle(i), Kind::Triangle(j)) => {
-            triangle::bounds::coincide(&scene.triangles()[i], &scene.triangles()[j])
-        }
-        _ => false,
-    }
+    let (kind, j) = kind(scene, b);
+    of_shape!(scene, a, O, i => O::KIND == kind && O::all(scene)[i].coincides(&O::all(scene)[j]))
 }

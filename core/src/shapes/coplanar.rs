@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
+use super::exact::Exact;
 use super::plane::LocalPlane;
-use super::{Kind, Local, ObjectId, kind, plane, triangle};
+use super::{Listed, Local, ObjectId, Shape, of_shape, plane, triangle};
 use crate::numeric::{Ball, Balls, Residue, Unsure, V3};
 use crate::scene::{Plane, Scene, Triangle};
 
@@ -16,11 +17,7 @@ pub(crate) enum FlatObject<'a> {
 impl<'a> FlatObject<'a> {
     /// Object `id`, if it lies in a plane.
     pub(crate) fn of(scene: &'a Scene, local: &'a Local, id: ObjectId) -> Option<Self> {
-        match kind(scene, id) {
-            Kind::Plane(i) => Some(Self::Plane(&scene.planes()[i], &local.planes[i])),
-            Kind::Sphere(_) => None,
-            Kind::Triangle(i) => Some(Self::Triangle(&scene.triangles()[i])),
-        }
+        of_shape!(scene, id, O, i => O::all(scene)[i].in_plane(i, local))
     }
 
     /// Which axis its plane is square to, and where it crosses that.
@@ -52,8 +49,8 @@ impl<'a> FlatObject<'a> {
     /// The lengths that it is given by.
     pub(crate) fn lengths(&self) -> impl Iterator<Item = f64> {
         let (vectors, x) = match self {
-            Self::Plane(p, _) => plane::exact::lengths(p),
-            Self::Triangle(t) => triangle::exact::lengths(t),
+            Self::Plane(p, _) => p.lengths(),
+            Self::Triangle(t) => t.lengths(),
         };
         vectors.into_iter().flat_map(|v| v.to_array()).chain([x])
     }

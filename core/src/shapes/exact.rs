@@ -4,8 +4,7 @@ use std::cmp::Ordering;
 
 use glam::DVec3;
 
-use super::plane::exact::ExactPlanes;
-use super::{Decision, Kind, Local, ObjectId, kind, plane, sphere, triangle};
+use super::{Decision, Listed, Local, ObjectId, Shape, of_shape};
 use crate::numeric::{Big, Bound, U, Unsure, Vector};
 use crate::scene::Scene;
 
@@ -282,33 +281,47 @@ fn rounded<const N: usize>(v: &Vector<N>) -> DVec3 {
     if v.is_zero() { DVec3::ZERO } else { v.scale(-v.exponent()).to_f64() }
 }
 
-/// Where `ray` first meets object `id` at t > 0, and whether that is a sphere's inner side.
-pub(crate) fn intersect<const N: usize>(
-    scene: &Scene,
-    planes: &[ExactPlanes],
-    ray: &ExactRay<N>,
-    id: ObjectId,
-) -> Result<Option<(Distance<N>, bool)>, Unsure> {
-    let own = ray.from.filter(|f| f.id == id);
-    match kind(scene, id) {
-        // A line meets a flat surface once.
-        Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
-        Kind::Plane(i) => plane::exact::intersect(ray, &planes[i], &scene.planes()[i]),
-        Kind::Triangle(i) => triangle::exact::intersect(ray, &scene.triangles()[i]),
-        Kind::Sphere(i) => sphere::exact::intersect(ray, &scene.spheres()[i], own),
-    }
+/// What is met, and whether that is an inner side; nothing; or what is not known.
+pub(crate) type Met<T> = Result<Option<(T, bool)>, Unsure>;
+
+/// What is known, or is not.
+pub(crate) type Known<T> = Result<T, Unsure>;
+
+/// The index of an object among those of its shape, and what is kept of them.
+pub(crate) type At<'a> = (usize, &'a Local);
+
+/// A shape before a line in wide numbers.
+pub(crate) trait Exact: Shape {
+    /// Where `ray`, which starts on the object as `own` says, if it does, first meets it at t > 0. Of what has no
+    /// inside, only rays that start elsewhere are asked about.
+    fn intersect<const N: usize>(&self, at: At, ray: &ExactRay<N>, own: Option<Decision>) -> Met<Distance<N>>;
+
+    /// The point where `ray` meets the object, which `met` is known to be.
+    fn hit<const N: usize>(&self, at: At, ray: &ExactRay<N>, met: Decision) -> Result<ExactHit<N>, Unsure>;
+
+    /// The lengths that it is given by.
+    fn lengths(&self) -> ([DVec3; 3], f64);
 }
 
-/// The point where `ray` meets `decision`, known to be what it meets.
+/// Where `ray` first meets object `id` at t > 0.
+pub(crate) fn intersect<const N: usize>(
+    scene: &Scene,
+    local: &Local,
+    ray: &ExactRay<N>,
+    id: ObjectId,
+) -> Met<Distance<N>> {
+    let own = ray.from.filter(|f| f.id == id);
+    of_shape!(scene, id, O, i => {
+        if O::is_left_by(own) { Ok(None) } else { O::all(scene)[i].intersect((i, local), ray, own) }
+    })
+}
+
+/// The point where `ray` meets `met`, known to be what it meets.
 pub(crate) fn hit<const N: usize>(
     scene: &Scene,
-    planes: &[ExactPlanes],
+    local: &Local,
     ray: &ExactRay<N>,
-    decision: Decision,
-) -> Result<ExactHit<N>, Unsure> {
-    match kind(scene, decision.id) {
-        Kind::Plane(i) => Ok(plane::exact::hit(ray, &planes[i], &scene.planes()[i], decision)),
-        Kind::Triangle(i) => Ok(triangle::exact::hit(ray, &scene.triangles()[i], decision)),
-        Kind::Sphere(i) => sphere::exact::hit(ray, &scene.spheres()[i], decision),
-    }
+    met: Decision,
+) -> Known<ExactHit<N>> {
+    of_shape!(scene, met.id, O, i => O::all(scene)[i].hit((i, local), ray, met))
 }

@@ -5,14 +5,12 @@ use std::sync::{Mutex, PoisonError};
 
 use glam::DVec3;
 
-use super::plane::LocalPlane;
-use super::sphere::giant::GiantSphere;
-use super::triangle::giant::GiantTriangle;
-use super::{Aabb, Kind, Local, ObjectId, SPHERES, TRIANGLES, kind};
+use super::interaction::lanes;
+use super::{Aabb, Listed, Local};
 use crate::bvh::KINDS;
-use crate::numeric::{Big, DoubleDouble, V3, Vector};
+use crate::numeric::{Big, V3, Vector};
 use crate::scene::Scene;
-use crate::simd::{F64x8, Simd, three};
+use crate::simd::Simd;
 
 /// A giant is so many times farther across than it is from the eye.
 const RATIO: f64 = 512.0;
@@ -25,41 +23,36 @@ pub(super) const WIDE: usize = 24;
 /// What is this many bits below its terms may be nothing.
 pub(super) const LOST: i64 = 1000;
 
-/// The giants of a scene, by rising id.
-#[derive(Debug, Default)]
-pub(crate) struct Giants {
-    /// And the same to twice the digits.
-    pub(crate) spheres: Vec<(ObjectId, (GiantSphere, GiantSphere<DoubleDouble>))>,
-    pub(crate) triangles: Vec<(ObjectId, GiantTriangle)>,
+/// A shape that may be far larger than what is seen of it. (What never is may say so by `Infallible`.)
+pub(crate) trait MayBeGiant: Listed {
+    /// The object around the eye.
+    type Giant;
+
+    /// The object as it is around `eye`, in local space of this power; `None` where it is not a giant that f64 holds.
+    fn giant(&self, eye: DVec3, power: i32) -> Option<Self::Giant>;
 }
 
-/// What is listed by this id.
-fn find<T>(list: &[(ObjectId, T)], id: ObjectId) -> Option<&T> {
-    let at = list.binary_search_by_key(&id, |(id, _)| *id).ok()?;
+/// Giants of one shape, with their places among all objects of that shape, by rising ones.
+pub(super) type List<G> = Vec<(u32, G)>;
+
+/// The object at this place, if it is a giant.
+pub(super) fn find<G>(list: &[(u32, G)], place: usize) -> Option<&G> {
+    let at = list.binary_search_by_key(&place, |(place, _)| *place as usize).ok()?;
     Some(&list[at].1)
 }
 
-/// The `numbers` of what is listed by `ids`, one in each lane, if one is; of what is not, nothing is known.
+/// `N` numbers of each of the objects at `places`, in lanes, if one of them is a giant; of what is none, nothing is
+/// known.
 #[inline(always)]
-fn eight<T, const N: usize>(
-    list: &[(ObjectId, T)],
-    ids: &[u32; 8],
-    numbers: fn(&T) -> [f64; N],
-) -> Option<[[f64; 8]; N]> {
-    if list.is_empty() {
+pub(super) fn eight<S: Simd, G, const N: usize>(
+    list: &[(u32, G)],
+    places: &[usize; 8],
+    numbers: fn(&G) -> [f64; N],
+) -> Option<[S::F64x8; N]> {
+    if list.is_empty() || places.iter().all(|place| find(list, *place).is_none()) {
         return None;
     }
-    let mut lanes = [[f64::NAN; 8]; N];
-    let mut any = false;
-    for (k, id) in ids.iter().enumerate() {
-        if let Some(found) = find(list, ObjectId(*id)) {
-            for (lanes, x) in lanes.iter_mut().zip(numbers(found)) {
-                lanes[k] = x;
-            }
-            any = true;
-        }
-    }
-    any.then_some(lanes)
+    Some(lanes::<S, N>(places, |place| find(list, place).map_or([f64::NAN; N], numbers)))
 }
 
 /// Objects that may be giants, by the boxes of all.
@@ -80,61 +73,36 @@ impl Candidates {
             found.push((across / away, id));
         }
     }
-}
 
-impl Giants {
-    /// The giants among `candidates` whose ids are among `kept`.
-    pub(crate) fn new(scene: &Scene, local: &Local, candidates: Candidates, kept: &[Vec<u32>; KINDS]) -> Self {
-        let mut candidates = candidates.0.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let mut giants = Self::default();
-        if candidates.is_empty() {
-            return giants;
-        }
-        // The largest beside their distance; ids make the order one.
+    /// The largest beside their distance; ids make the order one.
+    pub(super) fn likeliest(self) -> Vec<(f64, u32)> {
+        let mut candidates = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
         candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         candidates.truncate(4 * MOST);
-        let eye = scene.camera().location();
-        for (_, id) in candidates {
-            let id = ObjectId(id);
-            match kind(scene, id) {
-                Kind::Sphere(i) if giants.spheres.len() < MOST && kept[usize::from(SPHERES)].contains(&id.0) => {
-                    giants.spheres.extend(GiantSphere::new(&scene.spheres()[i], eye, local.power).map(|s| (id, s)));
-                }
-                Kind::Triangle(i) if giants.triangles.len() < MOST && kept[usize::from(TRIANGLES)].contains(&id.0) => {
-                    let triangle = &scene.triangles()[i];
-                    giants.triangles.extend(GiantTriangle::new(triangle, eye, local.power).map(|t| (id, t)));
-                }
-                _ => {}
-            }
+        candidates
+    }
+}
+
+/// The giants of one shape among `candidates` whose ids are among `kept`.
+pub(super) fn of<O: MayBeGiant>(
+    scene: &Scene,
+    local: &Local,
+    candidates: &[(f64, u32)],
+    kept: &[Vec<u32>; KINDS],
+) -> List<O::Giant> {
+    let (objects, first, eye) = (O::all(scene), O::first(scene), scene.camera().location());
+    let mut giants = Vec::new();
+    for (_, id) in candidates {
+        let place = id.wrapping_sub(first);
+        if let Some(object) = objects.get(place as usize)
+            && giants.len() < MOST
+            && kept[usize::from(O::LEAF)].contains(id)
+        {
+            giants.extend(object.giant(eye, local.power).map(|giant| (place, giant)));
         }
-        giants.spheres.sort_unstable_by_key(|(id, _)| *id);
-        giants.triangles.sort_unstable_by_key(|(id, _)| *id);
-        giants
     }
-
-    /// The sphere of this id, if it is a giant; and the same to twice the digits.
-    pub(crate) fn sphere(&self, id: ObjectId) -> Option<&(GiantSphere, GiantSphere<DoubleDouble>)> {
-        find(&self.spheres, id)
-    }
-
-    /// The triangle of this id, if it is a giant.
-    pub(crate) fn triangle(&self, id: ObjectId) -> Option<&GiantTriangle> {
-        find(&self.triangles, id)
-    }
-
-    /// The spheres `ids`, one in each lane, if one of them is a giant; of what is none, nothing is known.
-    #[inline(always)]
-    pub(crate) fn eight_spheres<S: Simd>(&self, ids: &[u32; 8]) -> Option<GiantSphere<S::F64x8>> {
-        let lanes = eight(&self.spheres, ids, |(s, _)| [s.m.x, s.m.y, s.m.z, s.q, s.k])?;
-        Some(GiantSphere { m: three::<S>(&lanes, 0), q: S::F64x8::load(&lanes[3]), k: S::F64x8::load(&lanes[4]) })
-    }
-
-    /// The planes of triangles `ids`, as [`Self::eight_spheres`].
-    #[inline(always)]
-    pub(crate) fn eight_triangles<S: Simd>(&self, ids: &[u32; 8]) -> Option<LocalPlane<S::F64x8>> {
-        let lanes = eight(&self.triangles, ids, |t| [t.plane.n.x, t.plane.n.y, t.plane.n.z, t.plane.h])?;
-        Some(LocalPlane { n: three::<S>(&lanes, 0), h: S::F64x8::load(&lanes[3]) })
-    }
+    giants.sort_unstable_by_key(|(place, _)| *place);
+    giants
 }
 
 /// `x` to the nearest f64, `None` where its digits may be lost beside `terms` or it is beyond f64's normal numbers.

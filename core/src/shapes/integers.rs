@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use super::{Kind, ObjectId, kind, plane, sphere, triangle};
+use super::exact::Exact;
+use super::{Listed, ObjectId, of_shape};
 use crate::numeric::Balls;
 use crate::scene::Scene;
 
@@ -26,10 +27,6 @@ pub(crate) fn direction<const N: usize>(v: DVec3) -> Balls<N> {
 
 /// The lengths of object `id`.
 pub(crate) fn lengths(scene: &Scene, id: ObjectId) -> impl Iterator<Item = f64> {
-    let (vectors, x) = match kind(scene, id) {
-        Kind::Plane(i) => plane::exact::lengths(&scene.planes()[i]),
-        Kind::Sphere(i) => sphere::exact::lengths(&scene.spheres()[i]),
-        Kind::Triangle(i) => triangle::exact::lengths(&scene.triangles()[i]),
-    };
+    let (vectors, x) = of_shape!(scene, id, O, i => O::all(scene)[i].lengths());
     vectors.into_iter().flat_map(|v| v.to_array()).chain([x])
 }

@@ -1,9 +1,9 @@
 //! Where a ray meets what it is known to meet: in f64, the same operations for one lane or many, each value with a
 //! bound on its error.
 
-use super::local::DoubleObject;
-use super::{Decision, Ray, plane, sphere, triangle};
-use crate::numeric::{DoubleDouble, Real, U, V3};
+use super::Ray;
+use crate::numeric::{Real, U, V3};
+use crate::simd::{F64x8, Simd};
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -61,24 +61,22 @@ pub(super) fn against<R: Real>(ray: &Ray<R>, n: V3<R>) -> V3<R> {
     V3::if_positive(n.dot(ray.d), -n, n)
 }
 
-/// Where `ray`, which starts on `from`, meets the object it is known to meet, to twice the digits.
-pub(crate) fn interaction_double(
-    ray: &Ray<DoubleDouble>,
-    object: &DoubleObject,
-    decision: Decision,
-    from: Option<Decision>,
-) -> SurfaceInteraction<DoubleDouble> {
-    match object {
-        DoubleObject::Plane(plane) => plane::interaction(ray, plane),
-        DoubleObject::Triangle(triangle) => triangle::interaction(ray, triangle),
-        DoubleObject::Sphere(sphere, giant) => {
-            let own = flag(from.is_some_and(|f| f.id == decision.id));
-            sphere::interaction(ray, sphere, giant.as_ref(), flag(decision.inside), own)
+/// `N` numbers of each of eight objects, in lanes; `numbers` gives those of the object at one of `places`.
+#[inline(always)]
+pub(super) fn lanes<S: Simd, const N: usize>(
+    places: &[usize; 8],
+    numbers: impl Fn(usize) -> [f64; N],
+) -> [S::F64x8; N] {
+    let mut rows = [[0.0; 8]; N];
+    for k in 0..8 {
+        let of_one = numbers(places[k]);
+        for row in 0..N {
+            rows[row][k] = of_one[row];
         }
     }
-}
-
-/// A number above 0 where `b` holds.
-pub(super) fn flag<R: Real>(b: bool) -> R {
-    R::splat(if b { 1.0 } else { 0.0 })
+    let mut lanes = [S::F64x8::splat(0.0); N];
+    for k in 0..N {
+        lanes[k] = S::F64x8::load(&rows[k]);
+    }
+    lanes
 }

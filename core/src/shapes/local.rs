@@ -3,18 +3,18 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::giants::Giants;
-use super::object::{Kind, ObjectId, kind};
+use super::bounds::Bounds;
+use super::plane::exact::ExactPlanes;
 use super::plane::{self, LocalPlane};
-use super::sphere::giant::GiantSphere;
-use super::sphere::{self, LocalSphere};
-use super::triangle::{self, LocalTriangle};
+use super::sphere::LocalSphere;
+use super::triangle::LocalTriangle;
+use super::{Giants, Listed, each_shape};
 use crate::numeric::{Big, DoubleDouble, V3};
 use crate::scene::{Scene, Triangle};
 use crate::simd::roomy;
 
-/// The scene's objects in local space, and the way there.
-#[derive(Debug)]
+/// The scene's objects in local space, as far as they are kept, and the way there.
+#[derive(Debug, Default)]
 pub(crate) struct Local {
     /// The camera's location in world space.
     origin: DVec3,
@@ -25,9 +25,12 @@ pub(crate) struct Local {
     /// Whether differences from the origin may overflow, so that quarters are taken.
     quarters: bool,
     pub(crate) planes: Vec<LocalPlane>,
-    /// The same planes to twice the digits.
-    double_planes: Vec<LocalPlane<DoubleDouble>>,
+    /// The same planes to twice the digits, and in wide numbers.
+    pub(super) double_planes: Vec<LocalPlane<DoubleDouble>>,
+    pub(super) exact_planes: Vec<ExactPlanes>,
     pub(crate) spheres: Vec<LocalSphere>,
+    /// Objects far larger than what is seen of them; none before they are looked for.
+    pub(crate) giants: Giants,
     pub(crate) lights: Vec<DVec3>,
     /// Whether a light is too far for its distance to be squared in f64.
     far_lights: bool,
@@ -55,9 +58,8 @@ impl Local {
         let origin = scene.camera().location();
         // A quarter of everything, so that no difference overflows.
         let far = |v: DVec3| (v * 0.25 - origin * 0.25).abs().max_element();
-        let spheres = scene.spheres().par_iter().map(|s| sphere::bounds::reach(s, far)).reduce(|| 0.0, f64::max);
-        let triangles = scene.triangles().par_iter().map(|t| triangle::bounds::reach(t, far)).reduce(|| 0.0, f64::max);
-        let mut reach = spheres.max(triangles);
+        let reaches = each_shape!(O => O::all(scene).par_iter().map(|o| o.reach(far)).reduce(|| 0.0, f64::max));
+        let mut reach = reaches.into_iter().fold(0.0, f64::max);
         if reach == 0.0 {
             let origin = origin.abs().max_element() * 0.25;
             reach = scene.planes().iter().map(|p| plane::bounds::reach(p, far, origin)).fold(0.0, f64::max);
@@ -69,19 +71,10 @@ impl Local {
         let everything = scene.lights().iter().map(|&l| far(l)).fold(reach, f64::max);
         let points = scene.planes().iter().filter_map(|p| plane::bounds::point(p).map(far));
         let quarters = points.fold(everything, f64::max) > 1e299 || origin.abs().max_element() > 1e299;
-        let mut local = Self {
-            origin,
-            power,
-            factors,
-            quarters,
-            planes: Vec::new(),
-            double_planes: Vec::new(),
-            spheres: Vec::new(),
-            lights: Vec::new(),
-            far_lights: false,
-        };
+        let mut local = Self { origin, power, factors, quarters, ..Self::default() };
         local.double_planes = scene.planes().iter().map(|p| LocalPlane::new(p, origin, power)).collect();
         local.planes = local.double_planes.iter().map(|p| p.to_f64()).collect();
+        local.exact_planes = scene.planes().iter().map(ExactPlanes::new).collect();
         let mut spheres = roomy(scene.spheres().len());
         spheres.par_extend(scene.spheres().par_iter().map(|s| LocalSphere::new(s, &local)));
         local.spheres = spheres;
@@ -114,9 +107,14 @@ impl Local {
         LocalTriangle::new(t, self)
     }
 
+    /// This, where objects are to be had to twice the digits: where differences do not overflow.
+    pub(super) fn doubles(&self) -> Option<&Self> {
+        (!self.quarters).then_some(self)
+    }
+
     /// The `k`-th light to twice the digits; `None` where differences may overflow.
     pub(crate) fn double_light(&self, scene: &Scene, k: usize) -> Option<V3<DoubleDouble>> {
-        (!self.quarters).then(|| self.double_point(scene.lights()[k]))
+        self.doubles().map(|local| local.double_point(scene.lights()[k]))
     }
 
     /// A world point in local space to twice the digits, where differences do not overflow.
@@ -127,28 +125,4 @@ impl Local {
         };
         V3 { x: of(0), y: of(1), z: of(2) }
     }
-
-    /// Object `id` in local space to twice the digits; `None` where differences may overflow.
-    pub(crate) fn double(&self, scene: &Scene, giants: &Giants, id: ObjectId) -> Option<DoubleObject> {
-        if self.quarters {
-            return None;
-        }
-        Some(match kind(scene, id) {
-            Kind::Plane(i) => DoubleObject::Plane(self.double_planes[i]),
-            Kind::Sphere(i) => {
-                let sphere = LocalSphere::double(&scene.spheres()[i], self.spheres[i].r, self);
-                DoubleObject::Sphere(sphere, giants.sphere(id).map(|(_, double)| *double))
-            }
-            Kind::Triangle(i) => DoubleObject::Triangle(LocalTriangle::double(&scene.triangles()[i], self)),
-        })
-    }
-}
-
-/// An object to twice the digits.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum DoubleObject {
-    Plane(LocalPlane<DoubleDouble>),
-    /// And as it is around the eye, if it is a giant.
-    Sphere(LocalSphere<DoubleDouble>, Option<GiantSphere<DoubleDouble>>),
-    Triangle(LocalTriangle<DoubleDouble>),
 }

@@ -1,13 +1,13 @@
 //! What rays meet: each shape in a folder of its own, with all that is particular to it.
 //!
-//! A file of a shape's folder is one facet of it: `bounds` and `local` (where it is), `filter` (before packets of f32),
-//! `mod` (before a ray over any `Real`), `giant` (the same around the eye), `exact` and `proof` (before a ray in wide
-//! numbers), `interaction` (where it is met), `texture`, `coplanar` (exact planes) and `beam` (before all points of a
-//! pixel). The file of the same name beside the folders has what shapes have in common there, and tells them apart:
-//! whoever traces asks it with an [`ObjectId`]. Only where many rays or lanes
-//! are dealt with by shape, whoever does that knows them: packets (`traverse`) and waves (`integrate`).
+//! A file of a shape's folder is one facet of it: `mod` and `local` (in local space, before a ray over any `Real`, and
+//! where it is met), `giant` (the same around the eye), `bounds` (where it is), `filter` (before packets of f32),
+//! `exact` and `proof` (before a ray in wide numbers), `texture`, `coplanar` (exact planes) and `beam` (before all
+//! points of a pixel). The file of the same name beside the folders (of `mod`, it is `test`) has what shapes have in common there,
+//! and the trait that each of them implements: whoever traces asks it with an [`ObjectId`]. Which shapes there are
+//! stands in `list` alone, whose macros are for whoever deals with many rays or lanes shape by shape.
 //!
-//! **Numbering.** Planes have the least ids, then spheres, then triangles, see `object`.
+//! **Numbering.** Objects have ids shape by shape, in the order of the list.
 //!
 //! **Local space.** Coordinates here are (world − camera location) · 2^−k, k such that the
 //! largest finite object reaches about 1. Both steps are exact or lose at most half a unit
@@ -28,6 +28,8 @@ pub(crate) mod filter;
 pub(crate) mod giants;
 pub(crate) mod integers;
 mod interaction;
+pub(crate) mod leaves;
+mod list;
 pub(crate) mod local;
 mod object;
 pub(crate) mod plane;
@@ -40,11 +42,9 @@ pub(crate) mod triangle;
 
 pub(crate) use aabb::Aabb;
 pub(crate) use bounds::{bounds, coincide};
-pub(crate) use interaction::{SurfaceInteraction, TAKEN, interaction_double};
+pub(crate) use interaction::{SurfaceInteraction, TAKEN};
+pub(crate) use list::{Columns, Giants, Kind, Listed, SHAPES, column, each_shape, firsts, kind, leaf_ends, of_shape};
 pub(crate) use local::Local;
-pub(crate) use object::{
-    Decision, INSIDE, Kind, NONE, ObjectId, SPHERES, TRIANGLES, all_same, first_sphere, first_triangle, kind,
-    surface_and_order,
-};
+pub(crate) use object::{Decision, INSIDE, NONE, ObjectId, all_same, surface_and_order};
 pub(crate) use ray::{LEAST_SQUARE, Ray, Span};
-pub(crate) use test::{test, test_double};
+pub(crate) use test::{Shape, interaction_double, test, test_double};

@@ -2,7 +2,8 @@
 
 use std::cmp::Ordering;
 
-use super::{Decision, Kind, ObjectId, kind, plane, sphere, triangle};
+use super::exact::Met;
+use super::{Decision, Listed, ObjectId, Shape, of_shape};
 use crate::numeric::{Ball, Balls, Roots, Unsure};
 use crate::scene::Scene;
 
@@ -27,6 +28,8 @@ pub(crate) struct Line<const N: usize> {
     /// Above zero.
     pub(crate) w: Ball<N>,
     pub(crate) d: Balls<N>,
+    /// Lengths times 2^scale are integers.
+    pub(crate) scale: i64,
     /// The surface it starts on.
     pub(crate) from: Option<Decision>,
 }
@@ -55,7 +58,7 @@ impl<const N: usize> Flat<N> {
     }
 
     /// Where the line meets the surface, within which it is if none of the `weights`' signs is against the others.
-    pub(super) fn intersect(&self, weights: [Result<i32, Unsure>; 3]) -> Result<Option<(Along<N>, bool)>, Unsure> {
+    pub(super) fn intersect(&self, weights: [Result<i32, Unsure>; 3]) -> Met<Along<N>> {
         let ahead = self.num.sign();
         if matches!(ahead, Ok(0)) {
             return Ok(None);
@@ -83,29 +86,34 @@ impl<const N: usize> Flat<N> {
 }
 
 impl<const N: usize> Spot<N> {
-    /// The ray along `d`, which met this, mirrored here.
-    pub(crate) fn reflect(&self, d: &Balls<N>) -> Line<N> {
-        let d = *d * self.nn - self.n * self.n.dot(d).doubled();
-        Line { x: self.x, w: self.w, d, from: Some(self.decision) }
+    /// The ray `line`, which met this, mirrored here.
+    pub(crate) fn reflect(&self, line: &Line<N>) -> Line<N> {
+        let d = line.d * self.nn - self.n * self.n.dot(&line.d).doubled();
+        Line { x: self.x, w: self.w, d, from: Some(self.decision), ..*line }
     }
 }
 
-/// Where `line` first meets object `id`, and whether that is a sphere's inner side; lengths times 2^scale are integers.
+/// A shape before a line in numbers that prove what is zero.
+pub(crate) trait Proof: Shape {
+    /// Where `line`, which starts on the object as `own` says, if it does, first meets it. Of what has no inside, only
+    /// lines that start elsewhere are asked about.
+    fn intersect<const N: usize>(&self, line: &Line<N>, own: Option<Decision>, roots: &mut Roots) -> Met<Along<N>>;
+
+    /// The point where `line` meets the object, which `met` is known to be.
+    fn spot<const N: usize>(&self, line: &Line<N>, met: Decision, roots: &mut Roots) -> Result<Spot<N>, Unsure>;
+}
+
+/// Where `line` first meets object `id`.
 pub(crate) fn intersect<const N: usize>(
     scene: &Scene,
     line: &Line<N>,
     id: ObjectId,
-    scale: i64,
     roots: &mut Roots,
-) -> Result<Option<(Along<N>, bool)>, Unsure> {
+) -> Met<Along<N>> {
     let own = line.from.filter(|f| f.id == id);
-    match kind(scene, id) {
-        // A line meets a flat surface once.
-        Kind::Plane(_) | Kind::Triangle(_) if own.is_some() => Ok(None),
-        Kind::Plane(i) => plane::proof::intersect(line, &scene.planes()[i], scale, roots),
-        Kind::Triangle(i) => triangle::proof::intersect(line, &scene.triangles()[i], scale),
-        Kind::Sphere(i) => sphere::proof::intersect(line, &scene.spheres()[i], own, scale, roots),
-    }
+    of_shape!(scene, id, O, i => {
+        if O::is_left_by(own) { Ok(None) } else { O::all(scene)[i].intersect(line, own, roots) }
+    })
 }
 
 /// The point where `line` meets `met`, known to be what it meets.
@@ -113,12 +121,7 @@ pub(crate) fn spot<const N: usize>(
     scene: &Scene,
     line: &Line<N>,
     met: Decision,
-    scale: i64,
     roots: &mut Roots,
 ) -> Result<Spot<N>, Unsure> {
-    match kind(scene, met.id) {
-        Kind::Plane(i) => plane::proof::flat(line, &scene.planes()[i], scale, roots).spot(line, met),
-        Kind::Triangle(i) => triangle::proof::flat(line, &scene.triangles()[i], scale).spot(line, met),
-        Kind::Sphere(i) => Ok(sphere::proof::spot(line, &scene.spheres()[i], met, scale, roots)),
-    }
+    of_shape!(scene, met.id, O, i => O::all(scene)[i].spot(line, met, roots))
 }

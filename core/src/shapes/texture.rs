@@ -3,17 +3,37 @@
 use glam::{DVec2, DVec3};
 
 use super::exact::{ExactHit, LAST};
-use super::{Decision, Kind, Local, ObjectId, Ray, SurfaceInteraction, first_sphere, kind, plane, sphere, triangle};
+use super::{Decision, Listed, Local, ObjectId, Ray, SurfaceInteraction, each_shape, of_shape};
 use crate::numeric::{Bound, Unsure, Vector};
-use crate::scene::{Pigment, Scene};
+use crate::scene::Scene;
 
-/// Whether a picture repeats along u and v on objects of a kind, or ends at its edges.
-pub(crate) fn wraps(kind: Kind) -> [bool; 2] {
-    match kind {
-        Kind::Sphere(_) => sphere::texture::WRAPS,
-        Kind::Plane(_) => plane::texture::WRAPS,
-        Kind::Triangle(_) => triangle::texture::WRAPS,
+/// How textures lie on a shape.
+pub(crate) trait Textured: Listed {
+    /// Whether a picture repeats along u and v, or ends at its edges.
+    const WRAPS: [bool; 2] = [false, false];
+
+    /// The [`Mapping`]s of pictured objects, for shapes that need some, by rising id.
+    fn mappings(_scene: &Scene, _local: &Local) -> Vec<Mapping> {
+        Vec::new()
     }
+
+    /// (u, v) where the object is met, and the bound on their error.
+    fn coordinates(&self, mappings: &[Mapping], local: &Local, at: &Place) -> (DVec2, f64);
+
+    /// (u, v) at `hit`, from wide arithmetic.
+    fn exact_coordinates<const N: usize>(&self, mappings: &[Mapping], hit: &ExactHit<N>) -> Result<DVec2, Unsure>;
+}
+
+/// Where `ray` meets an object.
+pub(crate) struct Place<'a> {
+    pub(crate) met: Decision,
+    pub(crate) interaction: &'a SurfaceInteraction,
+    pub(crate) ray: &'a Ray,
+}
+
+/// Whether a picture repeats along u and v on object `id`.
+pub(crate) fn wraps(scene: &Scene, id: ObjectId) -> [bool; 2] {
+    of_shape!(scene, id, O, _ => O::WRAPS)
 }
 
 /// How a picture lies on an object that has one.
@@ -41,18 +61,13 @@ impl Mapping {
     }
 }
 
-/// Mappings of a scene's pictured spheres and planes, by rising id.
+/// All mappings of a scene, by rising id.
 pub(crate) fn mappings(scene: &Scene, local: &Local) -> Vec<Mapping> {
-    let pictured = |s| matches!(scene.surface(s).pigment, Pigment::Texture(_));
-    let planes = scene.planes().iter().enumerate().filter(|(_, p)| pictured(p.surface));
-    let planes = planes.map(|(i, p)| plane::texture::mapping(ObjectId(i as u32), p, local, scene));
-    let first = first_sphere(scene);
-    let spheres = scene.orientations().iter();
-    let spheres = spheres.map(|&(i, o)| sphere::texture::mapping(ObjectId(first + i), o, local, scene));
-    planes.chain(spheres).collect()
+    each_shape!(O => O::mappings(scene, local)).concat()
 }
 
-fn find(mappings: &[Mapping], id: ObjectId) -> &Mapping {
+/// The mapping of object `id`, which has one.
+pub(super) fn find(mappings: &[Mapping], id: ObjectId) -> &Mapping {
     let at = mappings.partition_point(|m| m.id < id);
     &mappings[at]
 }
@@ -63,20 +78,9 @@ pub(super) fn fraction(x: f64) -> f64 {
     if f < 1.0 { f } else { 0.0 }
 }
 
-/// (u, v) at `interaction`, met by `ray`, and the bound on their error.
-pub(crate) fn coordinates(
-    scene: &Scene,
-    local: &Local,
-    mappings: &[Mapping],
-    decision: Decision,
-    interaction: &SurfaceInteraction,
-    ray: &Ray,
-) -> (DVec2, f64) {
-    match kind(scene, decision.id) {
-        Kind::Sphere(_) => sphere::texture::coordinates(find(mappings, decision.id), decision.inside, interaction),
-        Kind::Plane(_) => plane::texture::coordinates(find(mappings, decision.id), local, interaction),
-        Kind::Triangle(i) => triangle::texture::coordinates(ray, &local.triangle(&scene.triangles()[i])),
-    }
+/// (u, v) where an object is met, and the bound on their error.
+pub(crate) fn coordinates(scene: &Scene, local: &Local, mappings: &[Mapping], at: &Place) -> (DVec2, f64) {
+    of_shape!(scene, at.met.id, O, i => O::all(scene)[i].coordinates(mappings, local, at))
 }
 
 /// u and v must be known to this, as a power of two: far below a texel of the largest picture.
@@ -98,10 +102,5 @@ pub(crate) fn exact_coordinates<const N: usize>(
     mappings: &[Mapping],
     hit: &ExactHit<N>,
 ) -> Result<DVec2, Unsure> {
-    let id = hit.decision.id;
-    match kind(scene, id) {
-        Kind::Sphere(_) => sphere::texture::exact_coordinates(find(mappings, id), hit),
-        Kind::Plane(_) => plane::texture::exact_coordinates(find(mappings, id), hit),
-        Kind::Triangle(i) => triangle::texture::exact_coordinates(&scene.triangles()[i], hit),
-    }
+    of_shape!(scene, hit.decision.id, O, i => O::all(scene)[i].exact_coordinates(mappings, hit))
 }

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use super::coplanar::SharedPlanes;
 use super::prepared::PreparedScene;
 use crate::bvh::Boxes;
-use crate::shapes::{SPHERES, TRIANGLES, triangle};
+use crate::scene::{Sphere, Triangle};
+use crate::shapes::{Listed, column, triangle};
 
 /// A prepared scene's numerical condition. Lengths are in scene units, to f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +45,7 @@ impl PreparedScene {
     pub fn condition(&self) -> Condition {
         let scene = self.scene();
         let world = |x: f64| crate::shapes::local::ldexp(x, self.local.power);
-        let triangle = |t: &crate::scene::Triangle| {
+        let triangle = |t: &Triangle| {
             let (longest, sliver) = triangle::bounds::length(&self.local.triangle(t));
             (longest, longest, usize::from(sliver))
         };
@@ -62,16 +63,18 @@ impl PreparedScene {
             Boxes::F64(bvh) => (bvh.reach(), bvh.ids.each_ref().map(Vec::len)),
         };
         let near_planes = self.near_planes(reach);
+        let mut giants = 0;
+        column!(self.local.giants, O, list => giants += list.len());
         Condition {
             reach: world(reach),
             offset: scene.camera().location().length(),
             sizes: (most > 0.0).then(|| (world(least), world(most))),
             slivers: slivers - self.flat.min(slivers),
             flat: self.flat,
-            coinciding: scene.triangles().len() - self.flat - kept[usize::from(TRIANGLES)],
-            coinciding_spheres: scene.spheres().len() - kept[usize::from(SPHERES)],
+            coinciding: scene.triangles().len() - self.flat - kept[usize::from(Triangle::LEAF)],
+            coinciding_spheres: scene.spheres().len() - kept[usize::from(Sphere::LEAF)],
             shared: self.shared_planes(),
-            giants: self.giants.spheres.len() + self.giants.triangles.len(),
+            giants,
             near_planes,
             single_boxes: matches!(self.boxes, Boxes::F32(_)),
             outgrown: self.outgrown,

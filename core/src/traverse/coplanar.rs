@@ -14,10 +14,10 @@ use glam::DVec3;
 
 use super::prepared::PreparedScene;
 use crate::numeric::{Balls, Unsure, V3};
-use crate::scene::Scene;
+use crate::scene::{Scene, Triangle};
 use crate::shapes::coplanar::FlatObject;
 use crate::shapes::integers::to_integers;
-use crate::shapes::{Decision, Local, ObjectId, first_triangle, triangle};
+use crate::shapes::{Decision, Listed, Local, ObjectId, triangle};
 
 /// The plane holds the eye.
 const EYE: u32 = 1 << 30;
@@ -34,7 +34,7 @@ const LIT_PLANES: u32 = 1 << 8;
 pub(crate) struct Coplanar {
     /// What is known of each plane and each triangle; 0 where nothing is.
     facts: Vec<AtomicU32>,
-    /// How many planes there are, and spheres behind them.
+    /// How many planes there are, and objects between them and triangles.
     counts: [u32; 2],
     /// Whether a plane was found in which several objects lie, or one with the eye or a light.
     matters: AtomicBool,
@@ -68,7 +68,7 @@ impl Coplanar {
         }
         Self {
             facts: (0..flat).map(|_| AtomicU32::new(0)).collect(),
-            counts: [scene.planes().len() as u32, scene.spheres().len() as u32],
+            counts: [scene.planes().len() as u32, Triangle::first(scene) - scene.planes().len() as u32],
             matters: AtomicBool::new(false),
             known: Mutex::default(),
             lights: (0..LIT_PLANES).map(|_| OnceLock::new()).collect(),
@@ -77,10 +77,10 @@ impl Coplanar {
     }
 
     fn facts(&self, id: ObjectId) -> Option<&AtomicU32> {
-        let [planes, spheres] = self.counts;
+        let [planes, others] = self.counts;
         match id.0.checked_sub(planes) {
             None => self.facts.get(id.0 as usize),
-            Some(i) => i.checked_sub(spheres).and_then(|i| self.facts.get((planes + i) as usize)),
+            Some(i) => i.checked_sub(others).and_then(|i| self.facts.get((planes + i) as usize)),
         }
     }
 
@@ -223,7 +223,7 @@ impl PreparedScene {
     /// Looks at every plane and triangle that has an area.
     pub(crate) fn shared_planes(&self) -> SharedPlanes {
         let scene = &*self.scene;
-        let first = first_triangle(scene) as usize;
+        let first = Triangle::first(scene) as usize;
         let triangles = (0..scene.triangles().len()).filter(|&i| {
             let t = &scene.triangles()[i];
             !triangle::bounds::has_no_area(t)

@@ -8,11 +8,10 @@ use rayon::prelude::*;
 
 use super::coplanar::Coplanar;
 use super::filter::{self, Filter};
-use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item};
+use crate::bvh::{Boxes, Builder, Bvh, Coordinate, Item, KINDS};
 use crate::scene::Scene;
-use crate::shapes::giants::{Candidates, Giants};
-use crate::shapes::plane::exact::ExactPlanes;
-use crate::shapes::{Aabb, Local, ObjectId, bounds, coincide, first_sphere, first_triangle};
+use crate::shapes::giants::Candidates;
+use crate::shapes::{Aabb, Giants, Local, ObjectId, SHAPES, bounds, coincide, firsts, leaf_ends};
 use crate::simd::roomy;
 
 /// A scene made ready for rays: independent of settings, shared by every render of it.
@@ -21,17 +20,13 @@ pub struct PreparedScene {
     pub(crate) scene: Arc<Scene>,
     pub(crate) local: Local,
     pub(crate) boxes: Boxes,
-    /// Objects far larger than what is seen of them.
-    pub(crate) giants: Giants,
     /// The scene for packets of f32 rays, where its numbers allow that.
     pub(crate) filter: Option<Filter>,
-    /// The planes in wide numbers.
-    pub(crate) exact_planes: Vec<ExactPlanes>,
     /// Which objects lie in one plane.
     pub(crate) coplanar: Coplanar,
     /// Share of objects whose boxes f32 would enlarge noticeably.
     pub(crate) outgrown: f64,
-    /// Triangles of exactly no area.
+    /// Triangles of exactly no area, which nothing can meet.
     pub(crate) flat: usize,
 }
 
@@ -42,18 +37,17 @@ impl PreparedScene {
     /// Builds what rays meet. Uses the calling rayon pool; the result is the same for any pool.
     #[must_use]
     pub fn build(scene: Arc<Scene>) -> Self {
-        let local = Local::new(&scene);
+        let mut local = Local::new(&scene);
         let candidates = Candidates::default();
         let (boxes, outgrown, flat) = Self::boxes(&scene, &local, &candidates);
         let kept = match &boxes {
             Boxes::F32(bvh) => &bvh.ids,
             Boxes::F64(bvh) => &bvh.ids,
         };
-        let giants = Giants::new(&scene, &local, candidates, kept);
-        let filter = Filter::new(&scene, &local, &boxes, &giants);
-        let exact_planes = scene.planes().iter().map(ExactPlanes::new).collect();
+        local.giants = Giants::new(&scene, &local, candidates, kept);
+        let filter = Filter::new(&scene, &local, &boxes);
         let coplanar = Coplanar::new(&scene, &local);
-        Self { scene, local, boxes, giants, filter, exact_planes, coplanar, outgrown, flat }
+        Self { scene, local, boxes, filter, coplanar, outgrown, flat }
     }
 
     /// The hierarchy, the share of objects that outgrow f32 boxes, and how many triangles have no area.
@@ -66,7 +60,7 @@ impl PreparedScene {
             }
         });
         let hidden = |a: u32, b: u32| b < a && coincide(scene, ObjectId(a), ObjectId(b));
-        let builder = Builder::new([first_triangle(scene)], singles.len(), &hidden);
+        let builder = Builder::new(leaf_ends(scene), singles.len(), &hidden);
         let outgrown = outgrown.into_inner() as f64 / singles.len().max(1) as f64;
         let boxes = if outgrown > BLOATED {
             Boxes::F64(hierarchy(items::<f64>(scene, local, 0.0, &|_, _| ()).0, &builder))
@@ -91,15 +85,15 @@ fn grows(b: &Aabb) -> bool {
     !(perimeter(lo, hi) <= 1.5 * perimeter(b.lo, b.hi))
 }
 
-/// The boxes of all spheres and of all triangles with an area, wider by `slack` of their distance from the origin, and
-/// how many triangles have no area. `see` is called with each id and its box before that is widened and rounded.
+/// The boxes of all objects that leaves hold and something can meet, wider by `slack` of their distance from the
+/// origin, and how many nothing can meet. `see` is called with each id and its box before that is widened and rounded.
 fn items<T: Coordinate>(
     scene: &Scene,
     local: &Local,
     slack: f64,
     see: &(dyn Fn(u32, &Aabb) + Sync),
 ) -> (Vec<Item<T>>, usize) {
-    let first = first_sphere(scene);
+    let first = firsts(scene)[SHAPES - KINDS];
     let item = |i: u32| {
         let id = first + i;
         let mut b = bounds(scene, local, ObjectId(id));
@@ -110,7 +104,7 @@ fn items<T: Coordinate>(
         Item::new(b.lo.to_array().map(T::down), b.hi.to_array().map(T::up), id)
     };
     // Every one in its place first: that needs no second copy.
-    let all = scene.spheres().len() + scene.triangles().len();
+    let all = scene.object_count() - first as usize;
     let mut items = roomy(all);
     items.par_extend((0..all as u32).into_par_iter().map(item));
     if items.par_iter().any(Item::is_empty) {

@@ -96,7 +96,7 @@ impl PreparedScene {
     /// Where `ray`, which starts on `from`, may meet object `id`.
     fn test(&self, ray: &Ray, id: ObjectId, from: Option<Decision>) -> Option<Span> {
         let own = from.filter(|f| f.id == id);
-        let span = test(&self.scene, &self.local, &self.giants, ray, id, own)?;
+        let span = test(&self.scene, &self.local, ray, id, own)?;
         let known = !span.sure && self.starts_in_plane(from, ray.starts_at_origin(), id);
         (!known).then_some(span)
     }

@@ -6,8 +6,9 @@ use super::paths::Paths;
 use crate::film::PlanePoint;
 use crate::integrate::camera;
 use crate::numeric::V3;
+use crate::scene::Triangle;
 use crate::shapes::filter::U32;
-use crate::shapes::{INSIDE, NONE, Ray, first_triangle};
+use crate::shapes::{INSIDE, Listed, NONE, Ray};
 use crate::simd::{F32x16, F64x8, Floats, LANES, Mask, Simd, prefetch};
 use crate::traverse::packet::{self, Packet, Ties, Walk};
 
@@ -123,7 +124,7 @@ impl Stage<'_> {
         if scene.triangles().is_empty() {
             return;
         }
-        let first = first_triangle(scene);
+        let first = Triangle::first(scene);
         for id in met {
             prefetch(scene.triangles(), (id & !INSIDE).wrapping_sub(first) as usize, 1);
         }

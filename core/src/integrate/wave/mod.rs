@@ -22,6 +22,7 @@ use paths::Paths;
 use super::{RayCounts, Sample, Tracer};
 use crate::bvh::Bvh;
 use crate::film::PlanePoint;
+use crate::shapes::SHAPES;
 use crate::simd::{Kernel, LANES, Simd};
 use crate::traverse::Scratch;
 use crate::traverse::filter::Filter;
@@ -34,15 +35,15 @@ const STEPS: u32 = 64;
 /// Starts farther out than this are left to f64.
 const FAR: f32 = 1e4;
 
-/// Indices of rays that met planes, spheres, triangles, nothing.
+/// Indices of rays that met each shape, and nothing.
 struct Kinds {
-    counts: [usize; 4],
-    lists: [Column<u32>; 4],
+    counts: [usize; SHAPES + 1],
+    lists: [Column<u32>; SHAPES + 1],
 }
 
 impl Default for Kinds {
     fn default() -> Self {
-        Self { counts: [0; 4], lists: [column(0), column(0), column(0), column(0)] }
+        Self { counts: [0; SHAPES + 1], lists: std::array::from_fn(|_| column(0)) }
     }
 }
 

@@ -11,8 +11,7 @@ use crate::integrate::texels::TEXEL;
 use crate::numeric::{Real, V3};
 use crate::scene::{Pigment, TextureId};
 use crate::shapes::{
-    Decision, INSIDE, NONE, ObjectId, SurfaceInteraction, all_same, first_sphere, first_triangle, plane, sphere,
-    texture, triangle,
+    Decision, INSIDE, Listed, NONE, ObjectId, SHAPES, Shape, SurfaceInteraction, all_same, each_shape, firsts, texture,
 };
 use crate::simd::{F64x8, Simd, three};
 use crate::traverse::PreparedScene;
@@ -27,48 +26,38 @@ impl Stage<'_> {
         kinds: &mut Kinds,
         paths: &mut Paths,
     ) {
-        let PreparedScene { local, scene, giants, .. } = &*self.tracer.prepared;
+        let PreparedScene { local, scene, .. } = &*self.tracer.prepared;
         interactions.reset(rays.count);
-        let (planes, spheres) = (first_sphere(scene), first_triangle(scene));
-        kinds.counts = [0; 4];
+        let firsts = firsts(scene);
+        kinds.counts = [0; SHAPES + 1];
         for i in 0..rays.count {
             let bare = interactions.met[i] & !INSIDE;
-            let kind = usize::from(bare >= planes) + usize::from(bare >= spheres) + usize::from(bare == NONE & !INSIDE);
+            let mut kind = usize::from(bare == NONE & !INSIDE);
+            for first in &firsts[1..] {
+                kind += usize::from(bare >= *first);
+            }
             kinds.lists[kind][kinds.counts[kind]] = i as u32;
             kinds.counts[kind] += 1;
         }
-        for at in (0..kinds.counts[0]).step_by(8) {
-            let at = Eight::of(&kinds.lists[0], at, kinds.counts[0]);
-            let ids = at.take(&interactions.met);
-            let interaction = plane::interaction(&rays.pick::<S>(&at), &plane::eight::<S>(&local.planes, &ids));
-            self.put::<S>(rays, interactions, &at, &ids, &interaction);
-        }
-        for at in (0..kinds.counts[1]).step_by(8) {
-            let at = Eight::of(&kinds.lists[1], at, kinds.counts[1]);
-            let (met, own) = (at.take(&interactions.met), at.take(&rays.own));
-            let (mut ids, mut inner, mut same) = ([0; 8], [0.0; 8], [0.0; 8]);
-            for k in 0..8 {
-                ids[k] = met[k] & !INSIDE;
-                inner[k] = if met[k] & INSIDE != 0 { 1.0 } else { 0.0 };
-                same[k] = if own[k] != NONE && (met[k] ^ own[k]) & !INSIDE == 0 { 1.0 } else { 0.0 };
+        each_shape!(O => {
+            let (list, count) = (&kinds.lists[O::KIND as usize], kinds.counts[O::KIND as usize]);
+            for at in (0..count).step_by(8) {
+                let at = Eight::of(list, at, count);
+                let met = at.take(&interactions.met);
+                let own = if O::HAS_INSIDE { at.take(&rays.own) } else { [NONE; 8] };
+                let (mut ids, mut places, mut inner, mut same) = ([0; 8], [0; 8], [0.0; 8], [0.0; 8]);
+                for k in 0..8 {
+                    ids[k] = met[k] & !INSIDE;
+                    places[k] = (ids[k] - firsts[O::KIND as usize]) as usize;
+                    inner[k] = if met[k] & INSIDE != 0 { 1.0 } else { 0.0 };
+                    same[k] = if own[k] != NONE && (met[k] ^ own[k]) & !INSIDE == 0 { 1.0 } else { 0.0 };
+                }
+                let (ray, objects) = (rays.pick::<S>(&at), O::eight::<S>(scene, local, &places));
+                let interaction = O::interaction(&ray, &objects, S::F64x8::load(&inner), S::F64x8::load(&same));
+                self.put::<S>(rays, interactions, &at, &ids, &interaction);
             }
-            let (ray, inner, same) = (rays.pick::<S>(&at), S::F64x8::load(&inner), S::F64x8::load(&same));
-            let (spheres, giants) = (sphere::eight::<S>(&local.spheres, &ids, planes), giants.eight_spheres::<S>(&ids));
-            let interaction = sphere::interaction(&ray, &spheres, giants.as_ref(), inner, same);
-            self.put::<S>(rays, interactions, &at, &ids, &interaction);
-        }
-        for at in (0..kinds.counts[2]).step_by(8) {
-            let at = Eight::of(&kinds.lists[2], at, kinds.counts[2]);
-            let ids = at.take(&interactions.met);
-            let ray = rays.pick::<S>(&at);
-            let mut interaction =
-                triangle::interaction(&ray, &triangle::eight::<S>(local, scene.triangles(), &ids, spheres));
-            if let Some(plane) = giants.eight_triangles::<S>(&ids) {
-                interaction = SurfaceInteraction::better(plane::interaction(&ray, &plane), interaction);
-            }
-            self.put::<S>(rays, interactions, &at, &ids, &interaction);
-        }
-        for &i in &kinds.lists[3][..kinds.counts[3]] {
+        });
+        for &i in &kinds.lists[SHAPES][..kinds.counts[SHAPES]] {
             let i = i as usize;
             paths.shine(rays.path[i] as usize, self.tracer.background * rays.throughput[i]);
         }
@@ -141,7 +130,8 @@ impl Stage<'_> {
         let scene = &*tracer.prepared.scene;
         let met = Decision::of(interactions.met[i])?;
         let (interaction, ray) = (interactions.one(i), rays.one(i));
-        let (uv, e) = texture::coordinates(scene, &tracer.prepared.local, &tracer.mappings, met, &interaction, &ray);
+        let at = texture::Place { met, interaction: &interaction, ray: &ray };
+        let (uv, e) = texture::coordinates(scene, &tracer.prepared.local, &tracer.mappings, &at);
         let data = &scene.textures()[picture.0 as usize];
         let size = f64::from(data.width().max(data.height()));
         let fine = e * size <= TEXEL || tracer.refinement == Refinement::Off;

@@ -3,6 +3,18 @@
 use glam::DVec3;
 
 use crate::scene::{Plane, PlanePosition};
+use crate::shapes::bounds::Bounds;
+use crate::shapes::{Aabb, Local};
+
+impl Bounds for Plane {
+    fn bounds(&self, _: usize, _: &Local) -> Aabb {
+        Aabb::EMPTY
+    }
+
+    fn reach(&self, _: impl Fn(DVec3) -> f64) -> f64 {
+        0.0
+    }
+}
 
 /// A quarter of how far the numbers that it is given by are from the eye: `far` says that of a point, and `origin` of
 /// the origin.

@@ -7,7 +7,7 @@ use glam::DVec3;
 use crate::numeric::{Big, Bound, Unsure, Vector};
 use crate::scene::{Plane, PlanePosition};
 use crate::shapes::Decision;
-use crate::shapes::exact::{Crossing, Distance, ExactHit, ExactRay, FIRST, LAST, size};
+use crate::shapes::exact::{At, Crossing, Distance, Exact, ExactHit, ExactRay, FIRST, LAST, Met, size};
 
 /// A plane in wide numbers: n · P = offset.
 #[derive(Clone, Copy, Debug)]
@@ -63,34 +63,24 @@ impl<const N: usize> ExactPlane<N> {
     }
 }
 
-/// Where `ray`, which starts elsewhere, meets the plane.
-pub(crate) fn intersect<const N: usize>(
-    ray: &ExactRay<N>,
-    planes: &ExactPlanes,
-    plane: &Plane,
-) -> Result<Option<(Distance<N>, bool)>, Unsure> {
-    let crossing = ExactPlane::of(planes, plane).cross(ray);
-    let leans = crossing.leans()?;
-    Ok((leans != 0 && crossing.ahead()? * leans > 0).then(|| (crossing.distance(ray.slack.rounding), false)))
-}
+impl Exact for Plane {
+    fn intersect<const N: usize>(&self, (i, local): At, ray: &ExactRay<N>, _: Option<Decision>) -> Met<Distance<N>> {
+        let crossing = ExactPlane::of(&local.exact_planes[i], self).cross(ray);
+        let leans = crossing.leans()?;
+        Ok((leans != 0 && crossing.ahead()? * leans > 0).then(|| (crossing.distance(ray.slack.rounding), false)))
+    }
 
-/// The point where `ray` meets this plane, which `decision` is known to be.
-pub(crate) fn hit<const N: usize>(
-    ray: &ExactRay<N>,
-    planes: &ExactPlanes,
-    plane: &Plane,
-    decision: Decision,
-) -> ExactHit<N> {
-    let plane = ExactPlane::of(planes, plane);
-    let crossing = plane.cross(ray);
-    crossing.hit(ray, plane.n, crossing.den * plane.fold, decision)
-}
+    fn hit<const N: usize>(&self, (i, local): At, ray: &ExactRay<N>, met: Decision) -> Result<ExactHit<N>, Unsure> {
+        let plane = ExactPlane::of(&local.exact_planes[i], self);
+        let crossing = plane.cross(ray);
+        Ok(crossing.hit(ray, plane.n, crossing.den * plane.fold, met))
+    }
 
-/// The lengths that the plane is given by.
-pub(crate) fn lengths(plane: &Plane) -> ([DVec3; 3], f64) {
-    let none = DVec3::ZERO;
-    match plane.position {
-        PlanePosition::Point(q) => ([q, none, none], 0.0),
-        PlanePosition::Distance(d) => ([none; 3], d),
+    fn lengths(&self) -> ([DVec3; 3], f64) {
+        let none = DVec3::ZERO;
+        match self.position {
+            PlanePosition::Point(q) => ([q, none, none], 0.0),
+            PlanePosition::Distance(d) => ([none; 3], d),
+        }
     }
 }

@@ -2,12 +2,14 @@
 
 use crate::numeric::{Ball, Balls, Roots, Unsure};
 use crate::scene::{Plane, PlanePosition};
+use crate::shapes::Decision;
+use crate::shapes::exact::Met;
 use crate::shapes::integers::direction;
-use crate::shapes::proof::{Along, Flat, Line};
+use crate::shapes::proof::{Along, Flat, Line, Proof, Spot};
 
-/// The plane before `line`; lengths times 2^scale are integers.
-pub(crate) fn flat<const N: usize>(line: &Line<N>, plane: &Plane, scale: i64, roots: &mut Roots) -> Flat<N> {
-    let Line { x, w, d, .. } = *line;
+/// The plane before `line`.
+fn flat<const N: usize>(line: &Line<N>, plane: &Plane, roots: &mut Roots) -> Flat<N> {
+    let Line { x, w, d, scale, .. } = *line;
     let n = direction(plane.normal);
     let offset = match plane.position {
         PlanePosition::Point(q) => n.dot(&Balls::scaled(q, scale)),
@@ -16,12 +18,12 @@ pub(crate) fn flat<const N: usize>(line: &Line<N>, plane: &Plane, scale: i64, ro
     Flat { n, num: offset * w - n.dot(&x), den: n.dot(&d) }
 }
 
-/// Where `line`, which starts elsewhere, meets the plane.
-pub(crate) fn intersect<const N: usize>(
-    line: &Line<N>,
-    plane: &Plane,
-    scale: i64,
-    roots: &mut Roots,
-) -> Result<Option<(Along<N>, bool)>, Unsure> {
-    flat(line, plane, scale, roots).intersect([Ok(0); 3])
+impl Proof for Plane {
+    fn intersect<const N: usize>(&self, line: &Line<N>, _: Option<Decision>, roots: &mut Roots) -> Met<Along<N>> {
+        flat(line, self, roots).intersect([Ok(0); 3])
+    }
+
+    fn spot<const N: usize>(&self, line: &Line<N>, met: Decision, roots: &mut Roots) -> Result<Spot<N>, Unsure> {
+        flat(line, self, roots).spot(line, met)
+    }
 }

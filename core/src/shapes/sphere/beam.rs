@@ -41,7 +41,7 @@ pub(crate) fn cover(s: &LocalSphere, lens: &Lens, tile: &Tile) -> Cover {
         touched |= u64::from(greater(&most, &zero) & greater(&far, &zero)) << (8 * j);
         covered |= u64::from(greater(&least, &zero) & greater(&near, &zero)) << (8 * j);
     }
-    Cover { touched, covered, depth: Depth::Ball { l, q, k } }
+    Cover { touched, covered, depth: Depth::Ball { l, q, k, r: s.r } }
 }
 
 /// A ball that may stand between a light and a surface.

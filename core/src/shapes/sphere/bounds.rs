@@ -2,22 +2,22 @@
 
 use glam::DVec3;
 
-use super::LocalSphere;
 use crate::numeric::U;
 use crate::scene::Sphere;
-use crate::shapes::Aabb;
+use crate::shapes::bounds::Bounds;
+use crate::shapes::{Aabb, Local};
 
-/// The box of a sphere, its rounding included.
-pub(crate) fn bounds(s: &LocalSphere) -> Aabb {
-    Aabb { lo: s.center() - s.r, hi: s.center() + s.r }.padded(4.0 * U * (s.c.norm1() + s.r))
-}
+impl Bounds for Sphere {
+    fn bounds(&self, i: usize, local: &Local) -> Aabb {
+        let s = &local.spheres[i];
+        Aabb { lo: s.center() - s.r, hi: s.center() + s.r }.padded(4.0 * U * (s.c.norm1() + s.r))
+    }
 
-/// A quarter of how far it reaches from the eye: `far` says that of a point.
-pub(crate) fn reach(s: &Sphere, far: impl Fn(DVec3) -> f64) -> f64 {
-    far(s.center) + s.radius * 0.25
-}
+    fn reach(&self, far: impl Fn(DVec3) -> f64) -> f64 {
+        far(self.center) + self.radius * 0.25
+    }
 
-/// Whether two are the same.
-pub(crate) fn coincide(a: &Sphere, b: &Sphere) -> bool {
-    a.center == b.center && a.radius == b.radius
+    fn coincides(&self, other: &Self) -> bool {
+        self.center == other.center && self.radius == other.radius
+    }
 }

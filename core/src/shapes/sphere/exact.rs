@@ -5,7 +5,9 @@ use glam::DVec3;
 use crate::numeric::{Big, Bound, Unsure, Vector};
 use crate::scene::Sphere;
 use crate::shapes::Decision;
-use crate::shapes::exact::{Distance, ExactHit, ExactRay, LAST, Slack, VALUE, largest, sign, size, times, travelled};
+use crate::shapes::exact::{
+    At, Distance, Exact, ExactHit, ExactRay, LAST, Met, Slack, VALUE, largest, sign, size, times, travelled,
+};
 
 /// A line and a sphere.
 struct Chord<const N: usize> {
@@ -108,54 +110,49 @@ impl<const N: usize> Chord<N> {
     }
 }
 
-/// Where `ray`, which starts on this sphere if `own` says so, first meets it, and whether that is its inner side.
-pub(crate) fn intersect<const N: usize>(
-    ray: &ExactRay<N>,
-    s: &Sphere,
-    own: Option<Decision>,
-) -> Result<Option<(Distance<N>, bool)>, Unsure> {
-    let rounding = ray.slack.rounding;
-    let chord = Chord::new(ray, &Vector::new(s.center), Big::new(s.radius));
-    if let Some(own) = own {
-        return Ok(own.inside.then(|| (chord.other(rounding), true)));
+impl Exact for Sphere {
+    fn intersect<const N: usize>(&self, _: At, ray: &ExactRay<N>, own: Option<Decision>) -> Met<Distance<N>> {
+        let rounding = ray.slack.rounding;
+        let chord = Chord::new(ray, &Vector::new(self.center), Big::new(self.radius));
+        if let Some(own) = own {
+            return Ok(own.inside.then(|| (chord.other(rounding), true)));
+        }
+        let Some(root) = chord.root()? else { return Ok(None) };
+        Ok(match sign(&chord.c, chord.c_terms, chord.c_error)? {
+            // Outside: both roots lie on one side of the start.
+            1 => (chord.b.signum() < 0).then(|| (chord.distance(root, false, rounding), false)),
+            -1 => Some((chord.distance(root, true, rounding), true)),
+            // On the sphere: 0 is one root, the other counts if it lies ahead.
+            _ => (sign(&chord.b, chord.b_terms, chord.b_error)? < 0).then(|| (chord.other(rounding), true)),
+        })
     }
-    let Some(root) = chord.root()? else { return Ok(None) };
-    Ok(match sign(&chord.c, chord.c_terms, chord.c_error)? {
-        // Outside: both roots lie on one side of the start.
-        1 => (chord.b.signum() < 0).then(|| (chord.distance(root, false, rounding), false)),
-        -1 => Some((chord.distance(root, true, rounding), true)),
-        // On the sphere: 0 is one root, the other counts if it lies ahead.
-        _ => (sign(&chord.b, chord.b_terms, chord.b_error)? < 0).then(|| (chord.other(rounding), true)),
-    })
-}
 
-/// The point where `ray` meets this sphere, which `decision` is known to be.
-pub(crate) fn hit<const N: usize>(ray: &ExactRay<N>, s: &Sphere, decision: Decision) -> Result<ExactHit<N>, Unsure> {
-    let Slack { turn, rounding, .. } = ray.slack;
-    let (c, r) = (Vector::new(s.center), Big::new(s.radius));
-    let chord = Chord::new(ray, &c, r);
-    let (t, sway) = if ray.from.is_some_and(|f| f.id == decision.id) {
-        (chord.other(rounding).t, times(chord.b_error, 1).over(&ray.d.0[largest(&ray.d)]) + ray.slack.position)
-    } else {
-        let root = chord.root_of_a_hit();
-        let sway = times(chord.delta, 1) + root.1.over(&ray.d.0[largest(&ray.d)]);
-        (chord.distance(root, decision.inside, rounding).t, sway)
-    };
-    let p = ray.o + ray.d * t;
-    let (way, start) = travelled(ray, &t);
-    let position = sway + rounding * (way + start + size(&c));
-    let bend = times(position, 1).over(&r);
-    // The normal is a difference of places: it must keep digits beside them.
-    if bend != Bound::ZERO && bend.exponent() > -VALUE {
-        return Err(Unsure);
+    fn hit<const N: usize>(&self, _: At, ray: &ExactRay<N>, met: Decision) -> Result<ExactHit<N>, Unsure> {
+        let Slack { turn, rounding, .. } = ray.slack;
+        let (c, r) = (Vector::new(self.center), Big::new(self.radius));
+        let chord = Chord::new(ray, &c, r);
+        let (t, sway) = if ray.from.is_some_and(|f| f.id == met.id) {
+            (chord.other(rounding).t, times(chord.b_error, 1).over(&ray.d.0[largest(&ray.d)]) + ray.slack.position)
+        } else {
+            let root = chord.root_of_a_hit();
+            let sway = times(chord.delta, 1) + root.1.over(&ray.d.0[largest(&ray.d)]);
+            (chord.distance(root, met.inside, rounding).t, sway)
+        };
+        let p = ray.o + ray.d * t;
+        let (way, start) = travelled(ray, &t);
+        let position = sway + rounding * (way + start + size(&c));
+        let bend = times(position, 1).over(&r);
+        // The normal is a difference of places: it must keep digits beside them.
+        if bend != Bound::ZERO && bend.exponent() > -VALUE {
+            return Err(Unsure);
+        }
+        let slack = Slack { lateral: position, position, turn: turn + times(bend, 2) + rounding, rounding };
+        let normal = p - c;
+        let back = normal.dot(&ray.d).scale(1).over(r * r);
+        Ok(ExactHit { p, normal, back, turned: met.inside, decision: met, slack, bend })
     }
-    let slack = Slack { lateral: position, position, turn: turn + times(bend, 2) + rounding, rounding };
-    let normal = p - c;
-    let back = normal.dot(&ray.d).scale(1).over(r * r);
-    Ok(ExactHit { p, normal, back, turned: decision.inside, decision, slack, bend })
-}
 
-/// The lengths that the sphere is given by.
-pub(crate) fn lengths(s: &Sphere) -> ([DVec3; 3], f64) {
-    ([s.center, DVec3::ZERO, DVec3::ZERO], s.radius)
+    fn lengths(&self) -> ([DVec3; 3], f64) {
+        ([self.center, DVec3::ZERO, DVec3::ZERO], self.radius)
+    }
 }

@@ -14,8 +14,9 @@ use glam::DVec3;
 
 use crate::numeric::{Big, DoubleDouble, Real, Scalar, TINY, V3, Vector};
 use crate::scene::Sphere;
-use crate::shapes::giants::{LOST, WIDE, known, vector};
-use crate::shapes::{Ray, Span};
+use crate::shapes::giants::{LOST, MayBeGiant, WIDE, known, vector};
+use crate::shapes::interaction::point;
+use crate::shapes::{Ray, Span, SurfaceInteraction};
 
 /// A sphere around the eye.
 #[derive(Clone, Copy, Debug)]
@@ -25,12 +26,13 @@ pub(crate) struct GiantSphere<R = f64> {
     pub(crate) k: R,
 }
 
-impl GiantSphere {
-    /// The sphere as it is around `eye`, in local space of this power, and the same to twice the digits; `None` where it
-    /// is not a giant that f64 holds.
-    pub(crate) fn new(s: &Sphere, eye: DVec3, power: i32) -> Option<(Self, GiantSphere<DoubleDouble>)> {
+impl MayBeGiant for Sphere {
+    /// And the same to twice the digits.
+    type Giant = (GiantSphere, GiantSphere<DoubleDouble>);
+
+    fn giant(&self, eye: DVec3, power: i32) -> Option<Self::Giant> {
         let eye = Vector::<WIDE>::new(eye);
-        let (c, r) = (Vector::<WIDE>::new(s.center) - eye, Big::<WIDE>::new(s.radius));
+        let (c, r) = (Vector::<WIDE>::new(self.center) - eye, Big::<WIDE>::new(self.radius));
         let (cc, rr, power) = (c.dot(&c), r * r, i64::from(power));
         let twice = r.scale(1);
         let k = (cc - rr).over(twice);
@@ -41,7 +43,7 @@ impl GiantSphere {
         }
         let (m, q, k) = (-(c * r.reciprocal()), twice.reciprocal().scale(power), k.scale(-power));
         let all = i64::MIN + LOST;
-        let giant = Self { m: vector(&m), q: known(&q, all)?, k: known(&k, all)? };
+        let giant = GiantSphere { m: vector(&m), q: known(&q, all)?, k: known(&k, all)? };
         let nearest = DoubleDouble::nearest::<WIDE>;
         // What is next to nothing may be beyond f64's normal numbers, and is 0 as in f64.
         let part = |x: &Big<WIDE>, rounded: f64| if rounded == 0.0 { DoubleDouble::splat(0.0) } else { nearest(x) };
@@ -165,10 +167,9 @@ pub(crate) fn test_from_inside<R: Scalar>(ray: &Ray<R>, s: &GiantSphere<R>) -> O
     Some(Span { lo, hi, sure: known, inside: true })
 }
 
-/// The distance at which the sphere is known to be met, and its bound: of the near root, or of the far one where
-/// `inner` > 0, or of the one that is not the start where `own` > 0.
+/// Where `ray` meets the sphere it is known to meet, see [`Shape::interaction`](crate::shapes::Shape::interaction).
 #[inline(always)]
-pub(crate) fn distance<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> (R, R) {
+pub(super) fn interaction<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own: R) -> SurfaceInteraction<R> {
     let chord = Chord::new(ray, s);
     let (product, sum, other) = (chord.by_product(), chord.by_sum(), chord.other());
     let pick = |product: R, sum: R, other: R| {
@@ -177,13 +178,10 @@ pub(crate) fn distance<R: Real>(ray: &Ray<R>, s: &GiantSphere<R>, inner: R, own:
         own.if_positive(other, inner.if_positive(far, product))
     };
     let (t, e) = (pick(product.0, sum.0, other.0), pick(product.1, sum.1, other.1));
-    (t, (R::splat(TURNED) - ray.ed).if_positive(e, R::splat(f64::INFINITY)))
-}
-
-/// The unit normal at `p`, which may be misplaced by `ep`, and the normal's bound.
-#[inline(always)]
-pub(crate) fn normal<R: Real>(s: &GiantSphere<R>, p: V3<R>, ep: R) -> (V3<R>, R) {
+    let (p, ep) = point(ray, t, (R::splat(TURNED) - ray.ed).if_positive(e, R::splat(f64::INFINITY)));
+    // The gradient is of length 1 on the sphere.
     let twice = s.q + s.q;
     let n = p * twice + s.m;
-    (n, twice * ep + R::splat(8.0 * R::U) * (twice * p.norm1() + s.m.norm1()))
+    let en = twice * ep + R::splat(8.0 * R::U) * (twice * p.norm1() + s.m.norm1());
+    SurfaceInteraction { p, ep, n: V3::if_positive(inner, -n, n), en }
 }

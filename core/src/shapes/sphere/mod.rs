@@ -17,18 +17,19 @@ pub(crate) mod bounds;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
-mod interaction;
-mod local;
 pub(crate) mod proof;
 pub(crate) mod texture;
 
 use giant::GiantSphere;
 use glam::DVec3;
 
-pub(crate) use interaction::{eight, interaction};
-
-use super::{Decision, Ray, Span};
-use crate::numeric::{Real, Scalar, TINY, V3};
+use super::beam::Figure;
+use super::interaction::{lanes, point};
+use super::local::ldexp;
+use super::{Decision, Local, Ray, Shape, Span, SurfaceInteraction, giants};
+use crate::numeric::{DoubleDouble, Real, Scalar, TINY, V3};
+use crate::scene::{Order, Scene, Sphere, SurfaceId};
+use crate::simd::Simd;
 
 /// A sphere in local space; its centre is within U·|c| of the real one.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +39,10 @@ pub(crate) struct LocalSphere<R = f64> {
 }
 
 impl LocalSphere {
+    pub(super) fn new(s: &Sphere, local: &Local) -> Self {
+        Self { c: V3::splat(local.point(s.center)), r: ldexp(s.radius, -local.power) }
+    }
+
     pub(crate) fn center(&self) -> DVec3 {
         self.c.to_dvec3()
     }
@@ -84,34 +89,15 @@ fn roots<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> Roots<R> {
 
 /// Where a ray that starts on the sphere's inner side meets it again, the other root, and its bound.
 #[inline(always)]
-pub(crate) fn other_root<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> (R, R) {
+fn other_root<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> (R, R) {
     let oc = ray.o - s.c;
     let t = R::splat(-2.0) * oc.dot(ray.d) / ray.dd;
     let e = R::splat(3.0) * delta(ray, oc) * ray.inv_len + R::splat(32.0 * R::U) * t.abs();
     (t, e)
 }
 
-/// Where `ray`, which starts on the sphere as `own` says, if it does, meets it first; `around_eye` is the sphere again,
-/// if it is a giant.
-pub(crate) fn test<R: Scalar>(
-    ray: &Ray<R>,
-    s: &LocalSphere<R>,
-    around_eye: Option<&GiantSphere<R>>,
-    own: Option<Decision>,
-) -> Option<Span<R>> {
-    match (own, around_eye) {
-        (Some(own), _) if !own.inside => None,
-        (Some(_), Some(giant)) => giant::test_from_inside(ray, giant),
-        (Some(_), None) => test_from_inside(ray, s),
-        (None, Some(giant)) => {
-            giant::test(ray, giant).and_then(|span| if span.sure { Some(span) } else { test_from_elsewhere(ray, s) })
-        }
-        (None, None) => test_from_elsewhere(ray, s),
-    }
-}
-
 /// Where a ray that starts elsewhere meets the sphere first.
-fn test_from_elsewhere<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
+fn test<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<R>> {
     let k = |x: f64| R::splat(x);
     let zero = k(0.0);
     let Roots { near, far, e, qq, delta } = roots(ray, s);
@@ -142,9 +128,65 @@ fn test_from_inside<R: Scalar>(ray: &Ray<R>, s: &LocalSphere<R>) -> Option<Span<
     Some(Span { lo, hi, sure: hi.to_f64().is_finite(), inside: true })
 }
 
-/// The two distances at which the line is known to meet the sphere, and their error bound.
-#[inline(always)]
-pub(crate) fn distances<R: Real>(ray: &Ray<R>, s: &LocalSphere<R>) -> (R, R, R) {
-    let r = roots(ray, s);
-    (r.near, r.far, r.e)
+impl Shape for Sphere {
+    const HAS_INSIDE: bool = true;
+    type Local<R: Real> = (LocalSphere<R>, Option<GiantSphere<R>>);
+
+    fn surface_and_order(&self) -> (SurfaceId, Order) {
+        (self.surface, self.order)
+    }
+
+    fn local(&self, i: usize, local: &Local) -> Self::Local<f64> {
+        (local.spheres[i], giants::find(&local.giants.spheres, i).map(|(giant, _)| *giant))
+    }
+
+    fn double(&self, i: usize, local: &Local) -> Self::Local<DoubleDouble> {
+        // The radius is exact in f64.
+        let sphere = LocalSphere { c: local.double_point(self.center), r: DoubleDouble::splat(local.spheres[i].r) };
+        (sphere, giants::find(&local.giants.spheres, i).map(|(_, giant)| *giant))
+    }
+
+    #[inline(always)]
+    fn eight<S: Simd>(_: &Scene, local: &Local, places: &[usize; 8]) -> Self::Local<S::F64x8> {
+        let numbers = |i: usize| {
+            let LocalSphere { c, r } = &local.spheres[i];
+            [c.x, c.y, c.z, *r]
+        };
+        let [x, y, z, r] = lanes::<S, 4>(places, numbers);
+        let giants = giants::eight::<S, _, 5>(&local.giants.spheres, places, |(s, _)| [s.m.x, s.m.y, s.m.z, s.q, s.k]);
+        let giant = giants.map(|[x, y, z, q, k]| GiantSphere { m: V3 { x, y, z }, q, k });
+        (LocalSphere { c: V3 { x, y, z }, r }, giant)
+    }
+
+    fn test<R: Scalar>(ray: &Ray<R>, (s, giant): &Self::Local<R>, own: Option<Decision>) -> Option<Span<R>> {
+        match (own, giant) {
+            (Some(own), _) if !own.inside => None,
+            (Some(_), Some(giant)) => giant::test_from_inside(ray, giant),
+            (Some(_), None) => test_from_inside(ray, s),
+            (None, Some(giant)) => {
+                giant::test(ray, giant).and_then(|span| if span.sure { Some(span) } else { test(ray, s) })
+            }
+            (None, None) => test(ray, s),
+        }
+    }
+
+    #[inline(always)]
+    fn interaction<R: Real>(ray: &Ray<R>, (s, giant): &Self::Local<R>, inner: R, own: R) -> SurfaceInteraction<R> {
+        let Roots { near, far, e, .. } = roots(ray, s);
+        let (other, e_other) = other_root(ray, s);
+        let t = own.if_positive(other, inner.if_positive(far, near));
+        let (p, ep) = point(ray, t, own.if_positive(e_other, e));
+        let n = (p - s.c) * (R::splat(1.0) / s.r);
+        let en = (ep + R::splat(2.0 * R::U) * s.c.norm1()) / s.r + R::splat(8.0 * R::U);
+        let found = SurfaceInteraction { p, ep, n: V3::if_positive(inner, -n, n), en };
+        match giant {
+            Some(giant) => SurfaceInteraction::better(giant::interaction(ray, giant, inner, own), found),
+            None => found,
+        }
+    }
+
+    #[inline(always)]
+    fn figure(&self, i: usize, local: &Local) -> Figure {
+        Figure::Ball(local.spheres[i])
+    }
 }

@@ -5,11 +5,32 @@ use glam::DVec3;
 use super::LocalTriangle;
 use crate::numeric::{U, zero_area};
 use crate::scene::Triangle;
+use crate::shapes::bounds::Bounds;
 use crate::shapes::{Aabb, Local};
 
-/// The box of a triangle, its rounding included; empty where it has exactly no area.
-pub(crate) fn bounds(t: &Triangle, local: &Local) -> Aabb {
-    if has_no_area(t) { Aabb::EMPTY } else { around(&local.triangle(t)) }
+impl Bounds for Triangle {
+    /// Empty where it has exactly no area.
+    fn bounds(&self, _: usize, local: &Local) -> Aabb {
+        if has_no_area(self) { Aabb::EMPTY } else { around(&local.triangle(self)) }
+    }
+
+    fn reach(&self, far: impl Fn(DVec3) -> f64) -> f64 {
+        let [a, b, c] = self.written;
+        if self.by_sides() {
+            far(a) + b.abs().max_element().max(c.abs().max_element()) * 0.25
+        } else {
+            far(a).max(far(b)).max(far(c))
+        }
+    }
+
+    /// Whether they have the same corners.
+    fn coincides(&self, other: &Self) -> bool {
+        match (self.exact_corners(), other.exact_corners()) {
+            (Some(a), Some(b)) => a.iter().all(|v| b.contains(v)) && b.iter().all(|v| a.contains(v)),
+            (None, None) => self.written == other.written,
+            _ => false,
+        }
+    }
 }
 
 fn around(t: &LocalTriangle) -> Aabb {
@@ -18,28 +39,9 @@ fn around(t: &LocalTriangle) -> Aabb {
     b.padded(4.0 * U * v)
 }
 
-/// A quarter of how far it reaches from the eye: `far` says that of a point.
-pub(crate) fn reach(t: &Triangle, far: impl Fn(DVec3) -> f64) -> f64 {
-    let [a, b, c] = t.written;
-    if t.by_sides() {
-        far(a) + b.abs().max_element().max(c.abs().max_element()) * 0.25
-    } else {
-        far(a).max(far(b)).max(far(c))
-    }
-}
-
 /// Whether it has exactly no area, so that nothing ever meets it.
 pub(crate) fn has_no_area(t: &Triangle) -> bool {
     zero_area::is_zero(&t.written, t.by_sides())
-}
-
-/// Whether two have the same corners.
-pub(crate) fn coincide(a: &Triangle, b: &Triangle) -> bool {
-    match (a.exact_corners(), b.exact_corners()) {
-        (Some(a), Some(b)) => a.iter().all(|v| b.contains(v)) && b.iter().all(|v| a.contains(v)),
-        (None, None) => a.written == b.written,
-        _ => false,
-    }
 }
 
 /// The longest side in local space, and whether the triangle is more than a million times longer than high.

@@ -10,27 +10,28 @@
 
 use glam::DVec3;
 
-use crate::numeric::{Real, TINY, V3, Vector};
+use crate::numeric::{Scalar, TINY, Unsure, V3, Vector};
 use crate::scene::Triangle;
-use crate::shapes::giants::{LOST, WIDE, known, vector};
+use crate::shapes::giants::{LOST, MayBeGiant, WIDE, known, vector};
 use crate::shapes::plane::{self, LocalPlane};
 use crate::shapes::{Ray, Span};
 
 /// A triangle around the eye.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct GiantTriangle {
-    pub(crate) plane: LocalPlane,
-    pub(crate) u: V3<f64>,
-    pub(crate) u0: f64,
-    pub(crate) v: V3<f64>,
-    pub(crate) v0: f64,
+pub(crate) struct GiantTriangle<R = f64> {
+    pub(crate) plane: LocalPlane<R>,
+    pub(crate) u: V3<R>,
+    pub(crate) u0: R,
+    pub(crate) v: V3<R>,
+    pub(crate) v0: R,
 }
 
-impl GiantTriangle {
-    /// The triangle as it is around `eye`, in local space of this power; `None` where f64 does not hold it.
-    pub(crate) fn new(t: &Triangle, eye: DVec3, power: i32) -> Option<Self> {
-        let [a, b, c] = t.written.map(Vector::<WIDE>::new);
-        let (e1, e2) = if t.by_sides() { (b, c) } else { (b - a, c - a) };
+impl MayBeGiant for Triangle {
+    type Giant = GiantTriangle;
+
+    fn giant(&self, eye: DVec3, power: i32) -> Option<GiantTriangle> {
+        let [a, b, c] = self.written.map(Vector::<WIDE>::new);
+        let (e1, e2) = if self.by_sides() { (b, c) } else { (b - a, c - a) };
         let a = a - Vector::new(eye);
         let (n, power) = (e1.cross(&e2), i64::from(power));
         let nn = n.dot(&n);
@@ -47,23 +48,25 @@ impl GiantTriangle {
         let (u0, v0) = (weight(&u), weight(&v));
         let (u, v) = (vector(&u.scale(power)), vector(&v.scale(power)));
         let sound = u.norm1() + v.norm1() < 1e100 && u0.abs() + v0.abs() < 1e100;
-        sound.then(|| Self { plane: LocalPlane { n: vector(&unit), h }, u, u0, v, v0 })
+        sound.then(|| GiantTriangle { plane: LocalPlane { n: vector(&unit), h }, u, u0, v, v0 })
     }
 }
 
 /// Where the ray surely meets the triangle or surely does not; `Err` where these numbers do not tell.
-pub(crate) fn test(ray: &Ray, tri: &GiantTriangle) -> Result<Option<Span>, Unsure> {
+pub(super) fn test<R: Scalar>(ray: &Ray<R>, tri: &GiantTriangle<R>) -> Result<Option<Span<R>>, Unsure> {
+    let k = |x: f64| R::splat(x);
     let (t, et) = plane::distance(ray, &tri.plane);
-    if !(et < f64::INFINITY) {
+    if !(et < k(f64::INFINITY)) {
         return Err(Unsure);
     }
     let p = ray.o + ray.d * t;
     let travel = t.abs() * ray.len;
-    let ep = et * ray.len + ray.eo + travel * ray.ed + 8.0 * f64::U * (ray.o.norm1() + travel);
+    let ep = et * ray.len + ray.eo + travel * ray.ed + k(8.0 * R::U) * (ray.o.norm1() + travel);
     let (u, v) = (tri.u.dot(p) + tri.u0, tri.v.dot(p) + tri.v0);
     let slope = tri.u.norm1() + tri.v.norm1();
-    let e = slope * ep + 8.0 * f64::U * (slope * p.norm1() + tri.u0.abs() + tri.v0.abs() + 1.0) + TINY;
-    let least = u.min(v).min(1.0 - u - v);
+    let terms = slope * p.norm1() + tri.u0.abs() + tri.v0.abs() + k(1.0);
+    let e = slope * ep + k(8.0 * R::U) * terms + k(TINY);
+    let least = u.min(v).min(k(1.0) - u - v);
     if least < -e {
         return Ok(None);
     }
@@ -74,6 +77,3 @@ pub(crate) fn test(ray: &Ray, tri: &GiantTriangle) -> Result<Option<Span>, Unsur
         span => Ok(span),
     }
 }
-
-/// These numbers do not tell.
-pub(crate) struct Unsure;

@@ -23,16 +23,21 @@ pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod filter;
 pub(crate) mod giant;
-mod interaction;
 mod local;
 pub(crate) mod proof;
 pub(crate) mod texture;
 
+use giant::GiantTriangle;
 use glam::DVec3;
 
-use super::{Ray, Span};
-use crate::numeric::{Real, Scalar, TINY, V3};
-pub(crate) use interaction::{eight, interaction};
+use super::beam::Figure;
+use super::coplanar::FlatObject;
+use super::interaction::{against, lanes, point};
+use super::plane::LocalPlane;
+use super::{Decision, LEAST_SQUARE, Local, Ray, Shape, Span, SurfaceInteraction, giants};
+use crate::numeric::{DoubleDouble, Real, Scalar, TINY, V3};
+use crate::scene::{Order, Plane, Scene, SurfaceId, Triangle};
+use crate::simd::Simd;
 
 /// Corners in local space, each within 2u·V of the real ones.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +98,7 @@ pub(crate) fn forms<R: Real>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Forms<R> {
 }
 
 /// Where the ray meets the triangle.
-pub(crate) fn test<R: Scalar>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Option<Span<R>> {
+fn test<R: Scalar>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Option<Span<R>> {
     let f = forms(ray, tri);
     let (lo, hi) = (f.w[0].min(f.w[1]).min(f.w[2]), f.w[0].max(f.w[1]).max(f.w[2]));
     if lo < -f.e && hi > f.e {
@@ -111,4 +116,68 @@ pub(crate) fn test<R: Scalar>(ray: &Ray<R>, tri: &LocalTriangle<R>) -> Option<Sp
     let near = along[0].min(along[1]).min(along[2]) - e;
     let far = along[0].max(along[1]).max(along[2]) + e;
     Span::unsure(near, far, false)
+}
+
+impl Shape for Triangle {
+    const HAS_INSIDE: bool = false;
+    type Local<R: Real> = (LocalTriangle<R>, Option<GiantTriangle<R>>);
+
+    fn surface_and_order(&self) -> (SurfaceId, Order) {
+        (self.surface(), self.order)
+    }
+
+    fn local(&self, i: usize, local: &Local) -> Self::Local<f64> {
+        (local.triangle(self), giants::find(&local.giants.triangles, i).copied())
+    }
+
+    /// To twice the digits, corners do.
+    fn double(&self, _: usize, local: &Local) -> Self::Local<DoubleDouble> {
+        (LocalTriangle::double(self, local), None)
+    }
+
+    #[inline(always)]
+    fn eight<S: Simd>(scene: &Scene, local: &Local, places: &[usize; 8]) -> Self::Local<S::F64x8> {
+        let numbers = |i: usize| {
+            let [a, b, c] = local.triangle(&scene.triangles()[i]).v;
+            [a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z]
+        };
+        let [ax, ay, az, bx, by, bz, cx, cy, cz] = lanes::<S, 9>(places, numbers);
+        let v = [V3 { x: ax, y: ay, z: az }, V3 { x: bx, y: by, z: bz }, V3 { x: cx, y: cy, z: cz }];
+        // Of giants, only the plane matters where they are known to be met.
+        let plane = |t: &GiantTriangle| [t.plane.n.x, t.plane.n.y, t.plane.n.z, t.plane.h];
+        let plane = giants::eight::<S, _, 4>(&local.giants.triangles, places, plane);
+        let (zero, none) = (S::F64x8::splat(0.0), V3::splat(DVec3::ZERO));
+        let around = |plane| GiantTriangle { plane, u: none, u0: zero, v: none, v0: zero };
+        (LocalTriangle { v }, plane.map(|[x, y, z, h]| around(LocalPlane { n: V3 { x, y, z }, h })))
+    }
+
+    fn test<R: Scalar>(ray: &Ray<R>, (t, giant): &Self::Local<R>, _: Option<Decision>) -> Option<Span<R>> {
+        giant.as_ref().and_then(|giant| giant::test(ray, giant).ok()).unwrap_or_else(|| test(ray, t))
+    }
+
+    #[inline(always)]
+    fn interaction<R: Real>(ray: &Ray<R>, (t, giant): &Self::Local<R>, inner: R, own: R) -> SurfaceInteraction<R> {
+        let f = forms(ray, t);
+        let nn = f.n.dot(f.n);
+        let length = nn.sqrt();
+        let (p, ep) = point(ray, f.t, f.et);
+        // A corner moved turns the normal by as much over the triangle's height.
+        let en = (f.corner_error * f.longest * R::splat(4.0) + R::splat(16.0 * R::U) * f.longest * f.longest) / length;
+        // A square that is next to nothing has lost its digits.
+        let en = (nn - R::splat(LEAST_SQUARE)).if_positive(en, R::splat(f64::INFINITY));
+        let found = SurfaceInteraction { p, ep, n: against(ray, f.n * (R::splat(1.0) / length)), en };
+        match giant {
+            Some(giant) => SurfaceInteraction::better(Plane::interaction(ray, &giant.plane, inner, own), found),
+            None => found,
+        }
+    }
+
+    #[inline(always)]
+    fn figure(&self, _: usize, local: &Local) -> Figure {
+        Figure::Triangle(local.triangle(self).corners())
+    }
+
+    fn in_plane<'a>(&'a self, _: usize, _: &'a Local) -> Option<FlatObject<'a>> {
+        Some(FlatObject::Triangle(self))
+    }
 }

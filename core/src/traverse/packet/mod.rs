@@ -14,7 +14,6 @@
 //! Rays that start far outside the scene, or whose squares f32 cannot hold, are left to f64 altogether.
 
 mod beam;
-mod leaf;
 mod rays;
 mod single;
 #[cfg(test)]
@@ -27,7 +26,6 @@ use crate::bvh::{Bvh, Child};
 use crate::shapes::filter::Intersection;
 use crate::shapes::{INSIDE, NONE};
 use crate::simd::{F32x16, Floats, LANES, Mask, Simd};
-pub(crate) use leaf::Leaves;
 pub(crate) use ties::Ties;
 use walk::{Stacks, walk};
 

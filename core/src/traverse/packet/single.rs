@@ -4,12 +4,12 @@
 //! guessed wrongly of its outcome. So rays that are alone go on side by side: all take one step,
 //! then it is seen where each of them stands.
 
-use super::leaf::id;
 use super::walk::Journey;
 use super::{Doubt, Spot, Visit};
 use crate::bvh::{Child, Link, WIDTH};
-use crate::shapes::filter::Intersection;
-use crate::shapes::{INSIDE, NONE, TRIANGLES, sphere, triangle};
+use crate::shapes::filter::{InLeaves, Intersection};
+use crate::shapes::leaves::id;
+use crate::shapes::{INSIDE, NONE, Shape, column};
 use crate::simd::{F32x8, F32x16, Floats, LANES, Mask, Simd};
 
 /// Where rays that are alone stand, a lane each.
@@ -170,25 +170,22 @@ impl<S: Simd> Journey<'_, S> {
         let Link::Leaf { kind, start, count } = leaf.link() else { return };
         let all = u8::MAX >> (WIDTH - count);
         let ray = self.apart.ray::<S>(self.packet, lane);
-        let m = if kind == TRIANGLES {
-            let leaf = self.filter.triangles.leaf(start, count);
-            triangle::filter::intersect(&ray, &triangle::filter::Triangle::all(&leaf), all)
-        } else {
-            let leaf = self.filter.spheres.leaf(start, count);
-            let sphere = sphere::filter::Sphere::all(&leaf);
-            let mut m = sphere::filter::intersect(&ray, &sphere, all);
+        let m = column!(self.filter.columns, kind, O, column => {
+            let leaf = column.leaves.leaf(start, count);
+            let objects = O::load(&leaf);
+            let mut m = O::intersect(&ray, &objects, all);
             let own = self.packet.own[lane];
-            if own & INSIDE != 0 && own != NONE {
+            if O::HAS_INSIDE && own & INSIDE != 0 && own != NONE {
                 let mut within = 0;
                 for i in 0..count {
                     within |= u8::from(id(&leaf, i) | INSIDE == own) << i;
                 }
                 if within != 0 {
-                    m = sphere::filter::from_inside(&ray, &sphere, within, m);
+                    m = O::from_inside(&ray, &objects, within, m);
                 }
             }
             m
-        };
+        });
         m.lo.store(&mut met.lo);
         m.hi.store(&mut met.hi);
         (met.may, met.sure, met.inside) = (m.may, m.sure, m.inside);
@@ -202,11 +199,7 @@ impl<S: Simd> Journey<'_, S> {
         while may != 0 {
             let i = may.trailing_zeros() as usize & (WIDTH - 1);
             may &= may - 1;
-            let id = if kind == TRIANGLES {
-                id(&self.filter.triangles.leaf(start, count), i)
-            } else {
-                id(&self.filter.spheres.leaf(start, count), i)
-            };
+            let id = column!(self.filter.columns, kind, O, column => id(&column.leaves.leaf(start, count), i));
             if id == self.packet.own[lane] {
                 continue;
             }

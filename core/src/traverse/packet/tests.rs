@@ -7,7 +7,9 @@ use super::rays::Rays;
 use super::{LANES, Mask, Packet};
 use crate::numeric::V3;
 use crate::sampling::points::mix;
+use crate::scene::{Sphere, Triangle};
 use crate::shapes::filter::U32;
+use crate::shapes::filter::{InLeaves, OneOf};
 use crate::shapes::sphere::LocalSphere;
 use crate::shapes::{plane, sphere, triangle};
 use crate::simd::{F32x16, Kernel, Level, MOST, Simd, dispatch};
@@ -39,23 +41,15 @@ impl Kernel for &Case {
         }
         let flat = plane::filter::Plane { n: [n[0], n[1], n[2]], h: n[3], through_eye: false };
         let (one, other) = ([n[4], n[5], n[6]], [n[8], n[9], n[10]]);
-        let giant = triangle::filter::Giant {
-            id: 0,
-            plane: flat,
-            u: one,
-            u0: n[7],
-            v: other,
-            v0: n[11],
-            slope: n[12],
-            terms: n[13],
-        };
-        let around = sphere::filter::Giant { id: 0, m: [n[0], n[1], n[2]], q: n[3], k: n[4] };
+        let giant =
+            triangle::filter::Giant { plane: flat, u: one, u0: n[7], v: other, v0: n[11], slope: n[12], terms: n[13] };
+        let around = sphere::filter::Giant { m: [n[0], n[1], n[2]], q: n[3], k: n[4] };
         let meetings = [
-            ("triangle", triangle::filter::intersect(&ray, &triangle::filter::Triangle::one(&rows.0, 0), all)),
-            ("sphere", sphere::filter::intersect(&ray, &sphere::filter::Sphere::one(&rows.1, 0), all)),
+            ("triangle", Triangle::intersect(&ray, &Triangle::load(&OneOf(&rows.0, 0)), all)),
+            ("sphere", Sphere::intersect(&ray, &Sphere::load(&OneOf(&rows.1, 0)), all)),
             ("plane", plane::filter::intersect(&ray, &flat, ed, all)),
-            ("giant triangle", triangle::filter::intersect_giant(&ray, &giant, ed, all)),
-            ("giant sphere", sphere::filter::intersect_giant(&ray, &around, ed, all)),
+            ("giant triangle", Triangle::intersect_giant(&ray, &giant, ed, all)),
+            ("giant sphere", Sphere::intersect_giant(&ray, &around, ed, all)),
         ];
         let [a, b, c, d, e] = meetings;
         [
@@ -131,9 +125,9 @@ impl Kernel for &Chords {
         let packet = Packet { o: [x, y, z], d: [u, v, w], near, per, ..Packet::default() };
         let ray = Rays::<S>::new(&packet).ray;
         let rows = self.sphere.map(|x| [x; MOST]);
-        let sphere = sphere::filter::Sphere::one(&rows, 0);
-        let m = sphere::filter::intersect(&ray, &sphere, Mask::MAX);
-        let m = sphere::filter::from_inside(&ray, &sphere, Mask::MAX, m);
+        let sphere = Sphere::load(&OneOf(&rows, 0));
+        let m = Sphere::intersect(&ray, &sphere, Mask::MAX);
+        let m = Sphere::from_inside(&ray, &sphere, Mask::MAX, m);
         let mut ends = [[0.0; LANES]; 2];
         m.lo.store(&mut ends[0]);
         m.hi.store(&mut ends[1]);

@@ -9,9 +9,10 @@
 use super::beam::{Beam, LEAST_NODES};
 use super::rays::{Apart, Rays};
 use super::single::SingleRays;
-use super::{Doubt, Packet, Spot, Visit, leaf};
+use super::{Doubt, Packet, Spot, Visit};
 use crate::bvh::{Bvh, Child, Coordinate, Link, Node, WIDTH};
-use crate::shapes::{INSIDE, NONE, TRIANGLES, plane, sphere, triangle};
+use crate::shapes::filter::{InLeaves, One, OneOf};
+use crate::shapes::{INSIDE, NONE, Shape, column, leaves, plane};
 use crate::simd::{F32x16, Floats, LANES, Mask, Simd, prefetch};
 use crate::traverse::filter::Filter;
 
@@ -85,7 +86,7 @@ pub(super) fn walk<S: Simd, V: Visit<S>>(
     if !filter.planes.is_empty() {
         planes::<S, V>(filter, packet, &rays, visitor, doubts);
     }
-    if !(filter.giant_spheres.is_empty() && filter.giant_triangles.is_empty()) {
+    if filter.has_giants {
         giants::<S, V>(filter, packet, &rays, visitor, doubts);
     }
     if bvh.nodes.is_empty() || visitor.active() == 0 {
@@ -174,7 +175,7 @@ fn planes<S: Simd, V: Visit<S>>(
     }
 }
 
-/// Shows the visitor what rays meet of the objects that are described around the eye.
+/// Shows the visitor what rays meet of the giants.
 #[inline(always)]
 fn giants<S: Simd, V: Visit<S>>(
     filter: &Filter,
@@ -184,26 +185,21 @@ fn giants<S: Simd, V: Visit<S>>(
     doubts: &mut Vec<Doubt>,
 ) {
     let ed = S::F32x16::load(&packet.ed);
-    for giant in &filter.giant_spheres {
-        let mask = visitor.active() & !S::equal(&packet.own, giant.id);
-        let within = S::equal(&packet.own, giant.id | INSIDE) & mask;
-        let mut m = sphere::filter::intersect_giant(&rays.ray, giant, ed, mask);
-        if within != 0 {
-            m.may |= within;
-            m.sure &= !within;
-            m.lo = S::F32x16::splat(0.0).select(within, m.lo);
+    column!(filter.columns, O, column => for (id, giant) in &column.giants {
+        let mask = visitor.active() & !S::equal(&packet.own, *id);
+        let mut m = O::intersect_giant(&rays.ray, giant, ed, mask);
+        if O::HAS_INSIDE {
+            let within = S::equal(&packet.own, id | INSIDE) & mask;
+            if within != 0 {
+                m.may |= within;
+                m.sure &= !within;
+                m.lo = S::F32x16::splat(0.0).select(within, m.lo);
+            }
         }
         if m.may != 0 {
-            visitor.visit(giant.id, None, m, doubts);
+            visitor.visit(*id, None, m, doubts);
         }
-    }
-    for giant in &filter.giant_triangles {
-        let mask = visitor.active() & !S::equal(&packet.own, giant.id);
-        let m = triangle::filter::intersect_giant(&rays.ray, giant, ed, mask);
-        if m.may != 0 {
-            visitor.visit(giant.id, None, m, doubts);
-        }
-    }
+    });
 }
 
 impl<'a, S: Simd> Journey<'a, S> {
@@ -331,8 +327,9 @@ impl<'a, S: Simd> Journey<'a, S> {
         }
         match child.link() {
             Link::Inner(index) => prefetch(&self.bvh.nodes, index, 1),
-            Link::Leaf { kind: TRIANGLES, start, count } => self.filter.triangles.expect(start, count),
-            Link::Leaf { start, count, .. } => self.filter.spheres.expect(start, count),
+            Link::Leaf { kind, start, count } => {
+                column!(self.filter.columns, kind, O, column => column.leaves.expect(start, count));
+            }
             Link::Nothing => {}
         }
     }
@@ -341,21 +338,15 @@ impl<'a, S: Simd> Journey<'a, S> {
     #[inline(always)]
     fn surely<V: Visit<S>>(&self, spot: Spot, visitor: &mut V, doubts: &mut Vec<Doubt>) {
         let Link::Leaf { kind, start, count } = spot.leaf.link() else { return };
-        let mask = visitor.active();
-        let (id, mut m) = if kind == TRIANGLES {
-            let leaf = self.filter.triangles.leaf(start, count);
-            let id = leaf::id(&leaf, spot.place);
-            let mask = mask & !S::equal(&self.packet.own, id);
-            (
-                id,
-                triangle::filter::intersect(&self.rays.ray, &triangle::filter::Triangle::lone(&leaf, spot.place), mask),
-            )
-        } else {
-            let leaf = self.filter.spheres.leaf(start, count);
-            let id = leaf::id(&leaf, spot.place);
-            let mask = mask & !S::equal(&self.packet.own, id) & !S::equal(&self.packet.own, id | INSIDE);
-            (id, sphere::filter::intersect(&self.rays.ray, &sphere::filter::Sphere::lone(&leaf, spot.place), mask))
-        };
+        let (id, mut m) = column!(self.filter.columns, kind, O, column => {
+            let leaf = column.leaves.leaf(start, count);
+            let id = leaves::id(&leaf, spot.place);
+            let mut mask = visitor.active() & !S::equal(&self.packet.own, id);
+            if O::HAS_INSIDE {
+                mask &= !S::equal(&self.packet.own, id | INSIDE);
+            }
+            (id, O::intersect(&self.rays.ray, &O::load(&One(&leaf, spot.place)), mask))
+        });
         m.may &= m.sure & m.hi.lt(visitor.bound());
         if m.may != 0 {
             visitor.visit(id, Some(spot), m, doubts);
@@ -366,33 +357,24 @@ impl<'a, S: Simd> Journey<'a, S> {
     #[inline(always)]
     fn leaf<V: Visit<S>>(&self, link: Child, mask: Mask, visitor: &mut V, doubts: &mut Vec<Doubt>) {
         let Link::Leaf { kind, start, count } = link.link() else { return };
-        if kind == TRIANGLES {
-            let leaf = self.filter.triangles.leaf(start, count).spread();
+        column!(self.filter.columns, kind, O, column => {
+            let leaf = column.leaves.leaf(start, count).spread();
             for i in 0..count {
+                // A ray does not meet what it left outward.
                 let id = leaf[leaf.len() - 1][i % WIDTH].tag();
                 let mask = mask & !S::equal(&self.packet.own, id);
-                let m = triangle::filter::intersect(&self.rays.ray, &triangle::filter::Triangle::one(&leaf, i), mask);
+                let object = O::load(&OneOf(&leaf, i));
+                let mut m = O::intersect(&self.rays.ray, &object, mask);
+                if O::HAS_INSIDE {
+                    let within = S::equal(&self.packet.own, id | INSIDE) & mask;
+                    if within != 0 {
+                        m = O::from_inside(&self.rays.ray, &object, within, m);
+                    }
+                }
                 if m.may != 0 {
                     visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);
                 }
             }
-            return;
-        }
-        let leaf = self.filter.spheres.leaf(start, count).spread();
-        for i in 0..count {
-            // A ray does not meet the sphere it left outward.
-            let id = leaf[leaf.len() - 1][i % WIDTH].tag();
-            let outside = S::equal(&self.packet.own, id);
-            let within = S::equal(&self.packet.own, id | INSIDE);
-            let mask = mask & !outside;
-            let sphere = sphere::filter::Sphere::one(&leaf, i);
-            let mut m = sphere::filter::intersect(&self.rays.ray, &sphere, mask);
-            if within & mask != 0 {
-                m = sphere::filter::from_inside(&self.rays.ray, &sphere, within & mask, m);
-            }
-            if m.may != 0 {
-                visitor.visit(id, Some(Spot { leaf: link, place: i }), m, doubts);
-            }
-        }
+        });
     }
 }

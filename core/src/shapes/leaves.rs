@@ -18,7 +18,7 @@ pub(crate) struct Leaves<const N: usize> {
 
 impl<const N: usize> Leaves<N> {
     /// The objects of a kind in the hierarchy; `make` gives the numbers of one by its id.
-    pub(crate) fn new<T: Coordinate>(wide: &Bvh<T>, kind: u8, make: impl Fn(u32) -> [f32; N] + Sync) -> Self {
+    pub(super) fn new<T: Coordinate>(wide: &Bvh<T>, kind: u8, make: impl Fn(u32) -> [f32; N] + Sync) -> Self {
         let ids = &wide.ids[usize::from(kind)];
         // How many objects the leaf has that begins here.
         let mut counts = vec![0u8; ids.len()];
@@ -56,19 +56,19 @@ impl<const N: usize> Leaves<N> {
     }
 
     #[inline(always)]
-    pub(super) fn leaf(&self, start: usize, count: usize) -> Rows<'_, N> {
+    pub(crate) fn leaf(&self, start: usize, count: usize) -> Rows<'_, N> {
         Rows::new(&self.numbers[start * N..], count)
     }
 
     /// Asks memory for a leaf.
     #[inline(always)]
-    pub(super) fn expect(&self, start: usize, count: usize) {
+    pub(crate) fn expect(&self, start: usize, count: usize) {
         prefetch(&self.numbers, start * N, count * N);
     }
 }
 
 /// The id of the `i`-th object of a leaf, which its last number stands for.
 #[inline(always)]
-pub(super) fn id<const N: usize>(leaf: &Rows<'_, N>, i: usize) -> u32 {
+pub(crate) fn id<const N: usize>(leaf: &Rows<'_, N>, i: usize) -> u32 {
     leaf.at(N - 1, i).tag()
 }
