@@ -114,7 +114,7 @@ macro_rules! shapes {
 
 shapes! { $
     [Plane planes, Sphere spheres, Triangle triangles]
-    in leaves: [Sphere spheres sphere, Triangle triangles triangle]
+    in leaves: [Triangle triangles triangle, Sphere spheres sphere]
 }
 
 /// A shape of the list.
