@@ -1,4 +1,4 @@
-//! Vectors as arrays, of which the compiler makes AVX2, or what else there is.
+//! Vectors as arrays, of which the compiler makes what there is.
 //!
 //! With loops, not `from_fn`: that is not surely compiled into the code of the level that calls it,
 //! and then for none.
@@ -108,7 +108,7 @@ fn mask8(f: impl Fn(usize) -> bool) -> u8 {
 
 /// The elements of `x` in `mask`, moved to the front; zeros follow.
 #[inline(always)]
-fn packed<T: Copy + Default>(x: &[T; 8], mask: u8) -> [T; 8] {
+pub(super) fn packed<T: Copy + Default>(x: &[T; 8], mask: u8) -> [T; 8] {
     let (mut to, mut at) = ([T::default(); 8], 0);
     for k in 0..8 {
         // What is not in the mask is overwritten by the next, or by zero.

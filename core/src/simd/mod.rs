@@ -9,6 +9,8 @@
 
 mod arrays;
 #[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
 mod avx512;
 mod pages;
 mod rows;
@@ -178,7 +180,7 @@ pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
         Level::Avx2 => {
             #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
             fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
-                kernel.run::<arrays::Arrays>()
+                kernel.run::<avx2::Avx2>()
             }
             // SAFETY: `Level` values come from `Level::all`, which asked the processor.
             unsafe { with_avx2(kernel) }
