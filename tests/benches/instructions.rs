@@ -18,7 +18,7 @@ use tessera_tests::generate::{self, Document};
 /// Counts may be this much above what is on record.
 const TOLERANCE: f64 = 0.10;
 
-const KERNELS: [&str; 7] = ["build", "demo", "lights", "mirrors", "read", "sphereflake", "terrain"];
+const KERNELS: [&str; 8] = ["build", "demo", "lights", "mesh", "mirrors", "read", "sphereflake", "terrain"];
 
 fn tracer(document: &Document) -> Tracer {
     let settings = Settings {
@@ -52,6 +52,7 @@ fn run(kernel: &str) {
         "mirrors" => trace(&generate::mirrors()),
         "lights" => trace(&generate::lights(100, 10)),
         "sphereflake" => trace(&generate::sphereflake(3)),
+        "mesh" => trace(&generate::mesh_scene(generate::icosphere(4))),
         "terrain" => trace(&generate::terrain(32)),
         other => panic!("no kernel '{other}'"),
     }
