@@ -14,6 +14,8 @@ mod avx2;
 mod avx512;
 mod pages;
 mod rows;
+#[cfg(test)]
+mod tests;
 
 use std::ops::{Add, BitAnd, BitOr, Mul, Neg, Not, Sub};
 use std::sync::OnceLock;
