@@ -1,5 +1,8 @@
 //! How far a picture is from what the image model says: measured by an audit, and expected.
 
+/// Numbers from here on are whole.
+const WHOLE: f64 = 4_503_599_627_370_496.0; // 2⁵²
+
 /// A sum of real numbers in whole units of 2⁻⁶⁴, so that it is the same in any order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sum(pub i128);
@@ -11,13 +14,13 @@ impl Sum {
     #[must_use]
     pub fn new(x: f64) -> Self {
         let units = x * Self::UNIT;
-        if units.abs() < 9e15 {
-            // To the nearest, as `round` does, by what every processor has.
+        if units.abs() < WHOLE {
+            // What `round` gives, without a call to a library.
             let whole = units as i64;
             let rest = units - whole as f64;
             return Self(i128::from(whole + i64::from(rest >= 0.5) - i64::from(rest <= -0.5)));
         }
-        // Whole already; `as` saturates.
+        // `as` saturates.
         Self(if units.is_nan() { i128::MAX } else { units as i128 })
     }
 
@@ -118,5 +121,23 @@ impl std::ops::AddAssign for ErrorEstimate {
         self.audited += o.audited;
         self.squares += o.squares;
         self.variance += o.variance;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn sums_are_the_nearest(bits in any::<u64>(), halves in -40i64..40, small in -1e-3..1e-3) {
+            for x in [f64::from_bits(bits), halves as f64 * (0.5 / Sum::UNIT), small] {
+                let units = (x * Sum::UNIT).round();
+                let nearest = if units.is_nan() { i128::MAX } else { units as i128 };
+                prop_assert_eq!(Sum::new(x).0, nearest, "{}", x);
+            }
+        }
     }
 }

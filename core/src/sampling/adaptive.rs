@@ -42,7 +42,7 @@ pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate
     for piece in region.blocks(PIECE) {
         let mut first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &rule, &mut counts);
         let blocks = piece.blocks(BLOCK);
-        let composites = first.composites_of(&blocks);
+        let composites = first.composites_of(piece, blocks.len());
         let done: Vec<_> = blocks
             .into_par_iter()
             .zip(composites)
@@ -163,13 +163,14 @@ impl First {
         }));
     }
 
-    /// Gives away what has parts, by the blocks that it lies in.
-    fn composites_of(&mut self, blocks: &[Region]) -> Vec<Vec<Composite>> {
-        let mut all: Vec<Vec<Composite>> = blocks.iter().map(|_| Vec::new()).collect();
-        for composite in std::mem::take(&mut self.composites) {
+    /// Gives away what has parts and lies in `piece`, by its `blocks`, so many of [`BLOCK`].
+    fn composites_of(&mut self, piece: Region, blocks: usize) -> Vec<Vec<Composite>> {
+        let mut all = vec![Vec::new(); blocks];
+        for composite in self.composites.drain(..) {
             let (x, y) = composite.at;
-            if let Some(k) = blocks.iter().position(|b| (b.x0..b.x1).contains(&x) && (b.y0..b.y1).contains(&y)) {
-                all[k].push(composite);
+            if (piece.x0..piece.x1).contains(&x) && (piece.y0..piece.y1).contains(&y) {
+                let (column, row) = ((x - piece.x0) / BLOCK, (y - piece.y0) / BLOCK);
+                all[(row * piece.width().div_ceil(BLOCK) + column) as usize].push(composite);
             }
         }
         all
@@ -295,9 +296,8 @@ struct Block {
     region: Region,
     /// Row by row.
     pixels: Vec<Pixel>,
-    /// What has parts, and which of the pixels that is, by rising numbers.
+    /// What has parts, in the order of the pixels.
     composites: Vec<Composite>,
-    apart: Vec<u32>,
 }
 
 impl Block {
@@ -316,15 +316,15 @@ impl Block {
                 pixel.expect_hidden();
             }
         }
-        let index = |c: &Composite| (c.at.1 - region.y0) * region.width() + c.at.0 - region.x0;
+        let index = |c: &Composite| ((c.at.1 - region.y0) * region.width() + c.at.0 - region.x0) as usize;
         composites.sort_unstable_by_key(index);
-        let apart: Vec<u32> = composites.iter().map(index).collect();
-        for (composite, at) in composites.iter_mut().zip(&apart) {
-            if pixels[*at as usize].has_variance() {
-                composite.among(pooled[*at as usize]);
+        for composite in &mut composites {
+            let at = index(composite);
+            if pixels[at].has_variance() {
+                composite.among(pooled[at]);
             }
         }
-        Self { region, pixels, composites, apart }
+        Self { region, pixels, composites }
     }
 
     /// Where its `k`-th pixel is in the picture.
@@ -337,7 +337,8 @@ impl Block {
         let mut open = Vec::with_capacity(self.pixels.len());
         packets(self.region.width(), self.region.height(), |i, j| {
             let k = j * self.region.width() + i;
-            if !self.pixels[k as usize].is_known() && self.apart.binary_search(&k).is_err() {
+            let order = |c: &Composite| (c.at.1, c.at.0).cmp(&(self.region.y0 + j, self.region.x0 + i));
+            if !self.pixels[k as usize].is_known() && self.composites.binary_search_by(order).is_err() {
                 open.push(k);
             }
         });
@@ -400,12 +401,12 @@ impl Block {
     fn finish(&self, audit: &Audit<'_>, error: &mut ErrorEstimate) -> (Vec<[f32; 3]>, Vec<Audited<'_>>) {
         let mut values = Vec::with_capacity(self.pixels.len());
         let mut drawn = Vec::new();
-        let mut composites = self.apart.iter().zip(&self.composites).peekable();
+        let mut composites = self.composites.iter().peekable();
         for (k, pixel) in (0..).zip(&self.pixels) {
-            let parts = composites.next_if(|(at, _)| **at == k).map(|(_, composite)| composite);
+            let at = self.place(k);
+            let parts = composites.next_if(|c| c.at == at);
             let (value, expected) = parts.map_or_else(|| (pixel.mean(), pixel.error()), |c| (c.mean(), c.error()));
             error.add(expected);
-            let at = self.place(k);
             if let Some(probability) = audit.draws(at, expected, !pixel.is_known()) {
                 drawn.push(Audited { at, value, points: pixel.points, probability, parts });
             }
