@@ -127,6 +127,9 @@ pub enum Detail {
     },
     /// Points go where they take off most, until a typical edge keeps this error.
     Within(Tolerance),
+    /// The same of each square of the picture's 8 × 8 pixels by itself: nothing around it is sampled to know it by. For
+    /// looks at single squares, which belong in no picture.
+    Glance(Tolerance),
 }
 
 impl Detail {

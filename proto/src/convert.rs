@@ -247,11 +247,14 @@ fn detail(detail: wire::lease::Detail) -> Result<Detail, Malformed> {
     match detail {
         Wire::CoarseStep(step @ 2..=Detail::COARSEST) => Ok(Detail::Coarse { step }),
         Wire::CoarseStep(_) => Err(Malformed::Range("a coarse step")),
-        Wire::ToleranceBillionths(n) => match Tolerance::from_billionths(n) {
-            tolerance if tolerance.billionths() == n => Ok(Detail::Within(tolerance)),
-            _ => Err(Malformed::Range("a tolerance")),
-        },
+        Wire::ToleranceBillionths(n) => tolerance(n).map(Detail::Within),
+        Wire::GlanceBillionths(n) => tolerance(n).map(Detail::Glance),
     }
+}
+
+fn tolerance(billionths: u32) -> Result<Tolerance, Malformed> {
+    let tolerance = Tolerance::from_billionths(billionths);
+    if tolerance.billionths() == billionths { Ok(tolerance) } else { Err(Malformed::Range("a tolerance")) }
 }
 
 impl From<PixelFormat> for wire::PixelFormat {
@@ -317,6 +320,7 @@ impl From<Lease> for wire::Lease {
             detail: l.pass.map(|pass| match pass.detail {
                 Detail::Coarse { step } => Wire::CoarseStep(step),
                 Detail::Within(tolerance) => Wire::ToleranceBillionths(tolerance.billionths()),
+                Detail::Glance(tolerance) => Wire::GlanceBillionths(tolerance.billionths()),
             }),
             audit_rate: l.pass.map_or(0, |pass| pass.audit.0),
             pack: false,

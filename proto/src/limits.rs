@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Version of `farm.proto`.
-pub const PROTOCOL: u32 = 4;
+pub const PROTOCOL: u32 = 5;
 
 /// The program's version and a hash of the sources that decide pixels: what workers, journals and reports are
 /// held to.

@@ -150,7 +150,7 @@ fn reaches(error: &ErrorEstimate, target: f64) -> bool {
     error.interval().1 <= target
 }
 
-/// What a pass within `tolerance` is, audited so often.
+/// What a pass within `tolerance` over the picture is, audited so often.
 fn within(tolerance: Tolerance, audit: tessera_core::settings::AuditRate) -> Option<Pass> {
     Some(Pass { detail: Detail::Within(tolerance), audit })
 }

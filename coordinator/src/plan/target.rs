@@ -13,7 +13,7 @@
 use std::time::Duration;
 
 use tessera_core::film::{ErrorEstimate, Region};
-use tessera_core::settings::{AuditRate, Tolerance};
+use tessera_core::settings::{AuditRate, Detail, Pass, Tolerance};
 
 use super::cost;
 use super::look::{ExpectedPoints, Spots};
@@ -297,9 +297,13 @@ impl Target {
             self.audit = AuditRate::ALL;
             return Step { pass: within(tolerance, AuditRate::ALL), regions: Vec::new(), kept: true, dearer };
         }
-        let audit = if spots.are_all() { AuditRate::ALL } else { MODEL.look_rate };
-        self.audit = audit;
-        Step { pass: within(tolerance, audit), regions: spots.regions().collect(), kept: false, dearer }
+        let pass = if spots.are_all() {
+            within(tolerance, AuditRate::ALL)
+        } else {
+            Some(Pass { detail: Detail::Glance(tolerance), audit: MODEL.look_rate })
+        };
+        self.audit = pass.map_or(AuditRate::ALL, |p| p.audit);
+        Step { pass, regions: spots.regions().collect(), kept: false, dearer }
     }
 }
 

@@ -7,7 +7,7 @@ use super::*;
 fn outcome(step: &Step, whole: Region, square: impl Fn(u32, u32) -> f64) -> Outcome {
     let regions = if step.regions.is_empty() { vec![whole] } else { step.regions.clone() };
     let (rate, typical) = match step.pass {
-        Some(Pass { detail: Detail::Within(t), audit }) => (audit.factor(), t.fraction() * t.fraction()),
+        Some(Pass { detail: Detail::Within(t) | Detail::Glance(t), audit }) => (audit.factor(), t.fraction() * t.fraction()),
         _ => (1.0, 1.0),
     };
     let tile = |r: Region| {
@@ -31,7 +31,7 @@ fn outcome(step: &Step, whole: Region, square: impl Fn(u32, u32) -> f64) -> Outc
 
 fn tolerance(step: &Step) -> f64 {
     match step.pass.map(|p| p.detail) {
-        Some(Detail::Within(tolerance)) => tolerance.fraction(),
+        Some(Detail::Within(tolerance) | Detail::Glance(tolerance)) => tolerance.fraction(),
         other => panic!("{other:?}"),
     }
 }
@@ -222,7 +222,7 @@ fn where_time_is_short_coarse_pictures_get_finer() {
         details.push(detail);
         took = match detail {
             Detail::Coarse { step } => Duration::from_millis(30) * 64 / (step * step),
-            Detail::Within(_) => Duration::from_secs(12),
+            Detail::Within(_) | Detail::Glance(_) => Duration::from_secs(12),
         };
     }
     assert!(

@@ -63,8 +63,8 @@ impl Timed {
                     None => Some(self.fine(MODEL.timed_tolerance, points * MODEL.timed_points, outcome)),
                 }
             }
-            Detail::Within(tolerance) if tolerance == Tolerance::MIN => None,
-            Detail::Within(tolerance) => {
+            Detail::Within(t) | Detail::Glance(t) if t == Tolerance::MIN => None,
+            Detail::Within(tolerance) | Detail::Glance(tolerance) => {
                 let times = (left * MODEL.share / took).max(1.0);
                 let mut finer = libm::pow(times, 1.0 / MODEL.time_power).clamp(1.5, 16.0);
                 if let Some(e) = self.error {

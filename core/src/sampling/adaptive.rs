@@ -32,15 +32,24 @@ const BLOCK: u32 = 32;
 /// The samples that pixels are made of; other sets have nothing in common with it.
 pub(super) const PICTURE: u64 = 0;
 
-/// Renders `region` within `tolerance`, and audits some of it.
-pub(crate) fn render(tracer: &Tracer, region: Region, tolerance: Tolerance, rate: AuditRate) -> (Tile, RayCounts) {
+/// Renders `region` within `tolerance`, and audits some of it; with each of the picture's squares of [`EDGE`] × [`EDGE`]
+/// pixels known by itself where they are `alone`.
+pub(crate) fn render(
+    tracer: &Tracer,
+    region: Region,
+    tolerance: Tolerance,
+    rate: AuditRate,
+    alone: bool,
+) -> (Tile, RayCounts) {
+    let view = &tracer.settings().view;
     let mut pixels = vec![[0.0; 3]; region.area() as usize];
     let mut error = ErrorEstimate::default();
     let mut counts = RayCounts::default();
     let rule = Rule::new(tolerance);
     let audit = Audit { tracer, tolerance, rate };
-    for piece in region.blocks(PIECE) {
-        let mut first = first(tracer, with_apron(piece, &tracer.settings().view), tolerance, &rule, &mut counts);
+    let (pieces, squares) = if alone { (aligned(region, EDGE), EDGE) } else { (region.blocks(PIECE), u32::MAX) };
+    for piece in pieces {
+        let mut first = first(tracer, with_apron(piece, squares, view), tolerance, &rule, &mut counts);
         let blocks = piece.blocks(BLOCK);
         let composites = first.composites_of(piece, blocks.len());
         let done: Vec<_> = blocks

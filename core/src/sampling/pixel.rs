@@ -28,13 +28,14 @@ pub struct Model {
     /// Mean square that a point must take off at a tolerance of four steps in 255, which leads to a picture's error
     /// of half a step or so. Follows from [`Self::typical`].
     pub loose_point: f64,
-    /// The same of ten steps, rounded: the tolerance is loose above it.
+    /// The same of ten steps, rounded: the tolerance is loose above it; and of one step, below which it is tight.
     pub loose: f64,
+    pub tight: f64,
     /// Points that a pixel begins with in which anything may be seen, where the tolerance is loose and where it is
     /// not. Chosen: the least that have a variance, and enough to miss little.
     pub first: [u32; 2],
-    /// Objects that a tile is proven among at most, in the same order. Chosen: under loose tolerances a proof among
-    /// many costs more than the points that it saves.
+    /// Objects that a tile is proven among at most, where the tolerance is tight, and where it is not. Chosen: a proof
+    /// among many costs more than the points that it saves, but where a pixel gets hundreds.
     pub candidates: [usize; 2],
     /// Points of a ball that is alone in its pixel at [`Self::loose_point`], and the power of the tolerance's points
     /// by which they grow. Chosen: even a thin crescent's light is known to a hundredth.
@@ -48,8 +49,9 @@ const MODEL: Model = Model {
     hidden: 2.5e-4,
     loose_point: 2.9e-6,
     loose: 6e-5,
+    tight: 3e-8,
     first: [2, 4],
-    candidates: [8, 48],
+    candidates: [48, 16],
     lone_ball: (64.0, 0.56),
 };
 
@@ -100,7 +102,7 @@ impl Rule {
 
     /// Objects that a tile is proven among at most.
     pub(crate) fn candidates(&self) -> usize {
-        MODEL.candidates[usize::from(self.a_point < MODEL.loose)]
+        MODEL.candidates[usize::from(self.a_point > MODEL.tight)]
     }
 
     /// Points of a pixel of such κ.

@@ -121,14 +121,15 @@ pub(crate) fn centre(view: &View, x: u32, y: u32) -> PlanePoint {
     PlanePoint { x: c.x + UNIT / 2, y: c.y + UNIT / 2 }
 }
 
-/// `region` and the pixels around it, as far as there are any.
-pub(crate) fn with_apron(region: Region, view: &View) -> Region {
-    Region {
-        x0: region.x0.saturating_sub(1),
-        y0: region.y0.saturating_sub(1),
-        x1: (region.x1 + 1).min(view.width()),
-        y1: (region.y1 + 1).min(view.height()),
-    }
+/// `region` and the pixels around it, as far as there are any in the square of `edge` × `edge` pixels that it lies in.
+pub(crate) fn with_apron(region: Region, edge: u32, view: &View) -> Region {
+    let around = |from: u32, to: u32, size: u32| {
+        let square = from / edge * edge;
+        (from.saturating_sub(1).max(square), (to + 1).min(square.saturating_add(edge)).min(size))
+    };
+    let ((x0, x1), (y0, y1)) =
+        (around(region.x0, region.x1, view.width()), around(region.y0, region.y1, view.height()));
+    Region { x0, y0, x1, y1 }
 }
 
 #[cfg(test)]

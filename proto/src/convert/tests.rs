@@ -56,7 +56,9 @@ fn leases_survive_the_wire_and_are_checked() {
     let region = Region::new(8, 16, 24, 32).unwrap();
     let lease = |pass| Lease { id: LeaseId(3), attempt: Attempt(1), region, number: PassNumber(2), pass };
     let within = |billionths| Detail::Within(Tolerance::from_billionths(billionths));
-    for detail in [Detail::Coarse { step: 2 }, Detail::Coarse { step: 64 }, within(1000), within(4_000_000_000)] {
+    let glance = |billionths| Detail::Glance(Tolerance::from_billionths(billionths));
+    let coarse = [2, 64].map(|step| Detail::Coarse { step });
+    for detail in coarse.into_iter().chain([within(1000), within(4_000_000_000), glance(1000)]) {
         for audit in [AuditRate::default(), AuditRate(7), AuditRate::ALL] {
             let lease = lease(Some(Pass { detail, audit }));
             assert_eq!(Lease::try_from(wire::Lease::from(lease)), Ok(lease));
@@ -71,6 +73,7 @@ fn leases_survive_the_wire_and_are_checked() {
         wire::Lease { detail: Some(Wire::CoarseStep(65)), ..plain },
         wire::Lease { detail: Some(Wire::ToleranceBillionths(999)), ..plain },
         wire::Lease { detail: Some(Wire::ToleranceBillionths(u32::MAX)), ..plain },
+        wire::Lease { detail: Some(Wire::GlanceBillionths(999)), ..plain },
     ] {
         assert!(Lease::try_from(bad).is_err(), "{bad:?}");
     }

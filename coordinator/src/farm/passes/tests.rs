@@ -8,7 +8,7 @@ const WHOLE: Region = Region { x0: 3, y0: 4, x1: 203, y1: 154 };
 /// A pixel's expected squared error: more in some parts of the picture, and the less the finer the tolerance.
 fn error(region: &Region, pass: Option<Pass>) -> ErrorEstimate {
     let fine = match pass.map(|p| p.detail) {
-        Some(Detail::Within(tolerance)) => tolerance.fraction(),
+        Some(Detail::Within(tolerance) | Detail::Glance(tolerance)) => tolerance.fraction(),
         _ => 1.0,
     };
     let square = |x: u32, y: u32| f64::from((x / 16 * 7 + y / 16 * 13) % 11) * fine * fine;
