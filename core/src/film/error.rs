@@ -65,7 +65,10 @@ impl ErrorEstimate {
     /// Adds a pixel whose squared error is expected to be so much.
     pub fn add(&mut self, expected: f64) {
         self.pixels += 1;
-        self.expected += Sum::new(expected);
+        // Most pixels are proven.
+        if expected != 0.0 {
+            self.expected += Sum::new(expected);
+        }
     }
 
     /// Adds an audited pixel that was drawn with `probability`: an unbiased estimate of its squared error, and

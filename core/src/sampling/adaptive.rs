@@ -41,7 +41,6 @@ pub(crate) fn render(
     rate: AuditRate,
     alone: bool,
 ) -> (Tile, RayCounts) {
-    let view = &tracer.settings().view;
     let mut pixels = vec![[0.0; 3]; region.area() as usize];
     let mut error = ErrorEstimate::default();
     let mut counts = RayCounts::default();
@@ -49,16 +48,13 @@ pub(crate) fn render(
     let audit = Audit { tracer, tolerance, rate };
     let (pieces, squares) = if alone { (aligned(region, EDGE), EDGE) } else { (region.blocks(PIECE), u32::MAX) };
     for piece in pieces {
-        let mut first = first(tracer, with_apron(piece, squares, view), tolerance, &rule, &mut counts);
-        let blocks = piece.blocks(BLOCK);
-        let composites = first.composites_of(piece, blocks.len());
+        let (blocks, variances) = begin_all(tracer, piece, squares, tolerance, &rule, &mut counts);
         let done: Vec<_> = blocks
             .into_par_iter()
-            .zip(composites)
-            .map(|(block, composites)| {
+            .map(|mut block| {
                 WaveScratch::with(|scratch| {
                     let (mut error, mut counts) = (ErrorEstimate::default(), RayCounts::default());
-                    let mut block = Block::new(block, &first, composites);
+                    block.expect(&variances);
                     block.refine(tracer, &rule, scratch, &mut counts);
                     let (values, drawn) = block.finish(&audit, &mut error);
                     audit.check(&drawn, scratch, &mut counts, &mut error);
@@ -111,78 +107,69 @@ pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
     (region.y0..region.y1).flat_map(move |y| (region.x0..region.x1).map(move |x| (x, y)))
 }
 
-/// Pixels after their first points.
-struct First {
-    region: Region,
-    /// Row by row.
-    pixels: Vec<Pixel>,
-    /// The variances of their samples; NaN of what is proven, or good enough: of it nothing is learnt about others.
-    /// With a border of NaN, so that all pixels have neighbours.
-    variances: Vec<f64>,
-    /// Those of them that have parts.
-    composites: Vec<Composite>,
+/// The variances of the first samples of a piece's pixels and of those around it; NaN of what is proven, good enough,
+/// or of no use: of it nothing is learnt about others.
+struct Variances {
+    piece: Region,
+    /// Row by row, with one more pixel on each side.
+    values: Vec<f64>,
 }
 
-impl First {
-    /// Puts together what `blocks`, which fill `region` row by row, have row by row.
-    fn new(region: Region, blocks: &[(Region, Vec<Pixel>)], composites: Vec<Composite>) -> Self {
-        let mut pixels = Vec::with_capacity(region.area() as usize);
-        for band in blocks.chunk_by(|(a, _), (b, _)| a.y0 == b.y0) {
-            for y in 0..band[0].0.height() as usize {
-                for (block, part) in band {
-                    let width = block.width() as usize;
-                    pixels.extend_from_slice(&part[y * width..][..width]);
-                }
-            }
-        }
+impl Variances {
+    fn new(piece: Region) -> Self {
+        let values = vec![f64::NAN; (piece.width() as usize + 2) * (piece.height() as usize + 2)];
+        Self { piece, values }
+    }
+
+    fn stride(&self) -> usize {
+        self.piece.width() as usize + 2
+    }
+
+    /// Where the pixel is in them that is to the upper left of (x, y).
+    fn upper_left(&self, (x, y): (u32, u32)) -> usize {
+        (y - self.piece.y0) as usize * self.stride() + (x - self.piece.x0) as usize
+    }
+
+    fn note(&mut self, block: &Block) {
+        let (region, stride) = (block.region, self.stride());
         let width = region.width() as usize;
-        let mut variances = Vec::with_capacity((width + 2) * (region.height() as usize + 2));
-        variances.resize(width + 2, f64::NAN);
-        for row in pixels.chunks_exact(width) {
-            variances.push(f64::NAN);
-            variances.extend(row.iter().map(|p| if p.has_variance() { p.variance() } else { f64::NAN }));
-            variances.push(f64::NAN);
-        }
-        variances.resize(variances.len() + width + 2, f64::NAN);
-        Self { region, pixels, variances, composites }
-    }
-
-    /// The pixels (x0, y) to (x1, y), x1 excluded.
-    fn row(&self, y: u32, (x0, x1): (u32, u32)) -> &[Pixel] {
-        let at = (y - self.region.y0) as usize * self.region.width() as usize + (x0 - self.region.x0) as usize;
-        &self.pixels[at..at + (x1 - x0) as usize]
-    }
-
-    /// Adds the variances of the samples in and around the pixels of such a row to `pooled`. A line that is seen in
-    /// one pixel is known to pass the others.
-    fn pooled(&self, y: u32, (x0, x1): (u32, u32), pooled: &mut Vec<f64>) {
-        let (stride, n) = (self.region.width() as usize + 2, (x1 - x0) as usize);
-        let at = (y - self.region.y0) as usize * stride + (x0 - self.region.x0) as usize;
-        let [above, here, below] = [0, 1, 2].map(|k| &self.variances[at + k * stride..][..n + 2]);
-        pooled.extend((0..n).map(|i| {
-            let (mut sum, mut weights) = (0.0, 0.0);
-            for (row, of) in [(above, [1.0, 2.0, 1.0]), (here, [2.0, 4.0, 2.0]), (below, [1.0, 2.0, 1.0])] {
-                for (variance, weight) in row[i..i + 3].iter().zip(of) {
-                    let is_known = !variance.is_nan();
-                    sum += if is_known { weight * variance } else { 0.0 };
-                    weights += if is_known { weight } else { 0.0 };
+        for (y, row) in (region.y0..).zip(block.pixels.chunks_exact(width)) {
+            // What is noted lies one pixel outside at most.
+            let at = (y + 1 - self.piece.y0) as usize * stride + (region.x0 + 1 - self.piece.x0) as usize;
+            for (value, pixel) in self.values[at..at + width].iter_mut().zip(row) {
+                if pixel.has_variance() {
+                    *value = pixel.variance();
                 }
             }
-            sum / weights
-        }));
+        }
     }
 
-    /// Gives away what has parts and lies in `piece`, by its `blocks`, so many of [`BLOCK`].
-    fn composites_of(&mut self, piece: Region, blocks: usize) -> Vec<Vec<Composite>> {
-        let mut all = vec![Vec::new(); blocks];
-        for composite in self.composites.drain(..) {
-            let (x, y) = composite.at;
-            if (piece.x0..piece.x1).contains(&x) && (piece.y0..piece.y1).contains(&y) {
-                let (column, row) = ((x - piece.x0) / BLOCK, (y - piece.y0) / BLOCK);
-                all[(row * piece.width().div_ceil(BLOCK) + column) as usize].push(composite);
+    /// Whether any pixel of the piece is to learn from `region`, which lies around it.
+    fn are_wanted(&self, region: &Region) -> bool {
+        let Region { x0, y0, x1, y1 } = self.piece;
+        let near = Region {
+            x0: region.x0.saturating_sub(1).max(x0),
+            y0: region.y0.saturating_sub(1).max(y0),
+            x1: (region.x1 + 1).min(x1),
+            y1: (region.y1 + 1).min(y1),
+        };
+        let here = self.stride() + 1;
+        block_pixels(near).any(|at| !self.values[self.upper_left(at) + here].is_nan())
+    }
+
+    /// The variance of the samples in and around a pixel of the piece. A line that is seen in one pixel is known to
+    /// pass the others.
+    fn pooled(&self, at: (u32, u32)) -> f64 {
+        let first = self.upper_left(at);
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (j, of) in [[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]].into_iter().enumerate() {
+            for (variance, weight) in self.values[first + j * self.stride()..][..3].iter().zip(of) {
+                let is_known = !variance.is_nan();
+                sum += if is_known { weight * variance } else { 0.0 };
+                weights += if is_known { weight } else { 0.0 };
             }
         }
-        all
+        sum / weights
     }
 }
 
@@ -248,56 +235,39 @@ fn aligned(region: Region, edge: u32) -> Vec<Region> {
         .collect()
 }
 
-/// Samples the first points of all pixels of `region`.
-fn first(tracer: &Tracer, region: Region, tolerance: Tolerance, rule: &Rule, counts: &mut RayCounts) -> First {
-    let view = &tracer.settings().view;
-    let done: Vec<_> = aligned(region, BLOCK)
-        .into_par_iter()
-        .map(|block| {
-            let mut counts = RayCounts::default();
-            let doubts = Doubts::new(tracer, block, tolerance, rule);
-            let composites = doubts.composites(tracer, block);
-            let mut pixels = vec![Pixel::default(); block.area() as usize];
-            Buffers::with(|Buffers { points, samples }| {
-                // Where each pixel is in the block, how much is in doubt of it, and its first points.
-                let mut order = Vec::with_capacity(pixels.len());
-                packets(block.width(), block.height(), |i, j| {
-                    let at = (block.x0 + i, block.y0 + j);
-                    let doubt = f64::from(doubts.at(at));
-                    let n = if doubt == 0.0 { 1 } else { rule.first(doubt) };
-                    order.push((j * block.width() + i, doubt, n));
-                    if doubt == 0.0 {
-                        points.push(centre(view, at.0, at.1));
-                    } else {
-                        let sequence = Sequence::new(view, at, PICTURE);
-                        points.extend((0..n).map(|k| sequence.point(k)));
-                    }
-                });
-                samples.resize(points.len(), Sample::BLANK);
-                WaveScratch::with(|scratch| tracer.trace(points, 0.0, samples, scratch, &mut counts));
-                let mut rest = &samples[..];
-                for (at, doubt, n) in order {
-                    let (these, behind) = rest.split_at(n as usize);
-                    rest = behind;
-                    let pixel = &mut pixels[at as usize];
-                    if doubt == 0.0 {
-                        *pixel = Pixel::known(these[0].radiance);
-                    } else {
-                        *pixel = Pixel::doubted(doubt);
-                        pixel.add(n, these.iter().map(|s| s.radiance));
-                    }
-                }
-            });
-            ((block, pixels), composites, counts)
-        })
-        .collect();
-    let (mut blocks, mut composites) = (Vec::with_capacity(done.len()), Vec::new());
-    for (block, more, c) in done {
-        *counts += c;
-        composites.extend(more);
-        blocks.push(block);
-    }
-    First::new(region, &blocks, composites)
+/// Samples the first points of all pixels of `piece`, by blocks, and of those around it from which they learn, as far as
+/// these are in the same square of so many pixels.
+fn begin_all(
+    tracer: &Tracer,
+    piece: Region,
+    squares: u32,
+    tolerance: Tolerance,
+    rule: &Rule,
+    counts: &mut RayCounts,
+) -> (Vec<Block>, Variances) {
+    let mut variances = Variances::new(piece);
+    let mut begin = |regions: Vec<Region>, variances: &mut Variances| {
+        let begun: Vec<_> = regions.into_par_iter().map(|r| Block::begin(tracer, r, tolerance, rule)).collect();
+        let mut blocks = Vec::with_capacity(begun.len());
+        for (block, c) in begun {
+            *counts += c;
+            variances.note(&block);
+            blocks.push(block);
+        }
+        blocks
+    };
+    let blocks = begin(aligned(piece, BLOCK), &mut variances);
+    let Region { x0, y0, x1, y1 } = with_apron(piece, squares, &tracer.settings().view);
+    let sides = [
+        Region { x0, y0, x1, y1: piece.y0 },
+        Region { x0, y0: piece.y1, x1, y1 },
+        Region { x0, y0: piece.y0, x1: piece.x0, y1: piece.y1 },
+        Region { x0: piece.x1, y0: piece.y0, x1, y1: piece.y1 },
+    ];
+    let around = sides.into_iter().filter(|side| side.x0 < side.x1 && side.y0 < side.y1);
+    let around = around.flat_map(|side| aligned(side, EDGE)).filter(|r| variances.are_wanted(r)).collect();
+    begin(around, &mut variances);
+    (blocks, variances)
 }
 
 /// The pixels of a block while they are sampled further.
@@ -310,30 +280,63 @@ struct Block {
 }
 
 impl Block {
-    /// With what is expected of each pixel after the first points, those around it taken into account.
-    fn new(region: Region, first: &First, mut composites: Vec<Composite>) -> Self {
-        let across = (region.x0, region.x1);
-        let (mut pixels, mut pooled) = (Vec::with_capacity(region.area() as usize), Vec::new());
-        for y in region.y0..region.y1 {
-            pixels.extend_from_slice(first.row(y, across));
-            first.pooled(y, across, &mut pooled);
-        }
-        for (pixel, variance) in pixels.iter_mut().zip(&pooled) {
+    /// With the first points of all pixels of `region`, which is part of a square of [`BLOCK`] pixels.
+    fn begin(tracer: &Tracer, region: Region, tolerance: Tolerance, rule: &Rule) -> (Self, RayCounts) {
+        let view = &tracer.settings().view;
+        let mut counts = RayCounts::default();
+        let doubts = Doubts::new(tracer, region, tolerance, rule);
+        let composites = doubts.composites(tracer, region);
+        let mut pixels = vec![Pixel::default(); region.area() as usize];
+        Buffers::with(|Buffers { points, samples }| {
+            // Where each pixel is in the block, how much is in doubt of it, and its first points.
+            let mut order = Vec::with_capacity(pixels.len());
+            packets(region.width(), region.height(), |i, j| {
+                let at = (region.x0 + i, region.y0 + j);
+                let doubt = f64::from(doubts.at(at));
+                let n = if doubt == 0.0 { 1 } else { rule.first(doubt) };
+                order.push((j * region.width() + i, doubt, n));
+                if doubt == 0.0 {
+                    points.push(centre(view, at.0, at.1));
+                } else {
+                    let sequence = Sequence::new(view, at, PICTURE);
+                    points.extend((0..n).map(|k| sequence.point(k)));
+                }
+            });
+            samples.resize(points.len(), Sample::BLANK);
+            WaveScratch::with(|scratch| tracer.trace(points, 0.0, samples, scratch, &mut counts));
+            let mut rest = &samples[..];
+            for (at, doubt, n) in order {
+                let (these, behind) = rest.split_at(n as usize);
+                rest = behind;
+                let pixel = &mut pixels[at as usize];
+                if doubt == 0.0 {
+                    *pixel = Pixel::known(these[0].radiance);
+                } else {
+                    *pixel = Pixel::doubted(doubt);
+                    pixel.add(n, these.iter().map(|s| s.radiance));
+                }
+            }
+        });
+        (Self { region, pixels, composites }, counts)
+    }
+
+    /// Notes what is expected of each pixel after the first points, those around it taken into account.
+    fn expect(&mut self, variances: &Variances) {
+        let region = self.region;
+        for (pixel, at) in self.pixels.iter_mut().zip(block_pixels(region)) {
             if pixel.has_variance() {
-                pixel.expect(*variance);
+                pixel.expect(variances.pooled(at));
             } else if !pixel.is_known() {
                 pixel.expect_hidden();
             }
         }
         let index = |c: &Composite| ((c.at.1 - region.y0) * region.width() + c.at.0 - region.x0) as usize;
-        composites.sort_unstable_by_key(index);
-        for composite in &mut composites {
-            let at = index(composite);
-            if pixels[at].has_variance() {
-                composite.among(pooled[at]);
+        self.composites.sort_unstable_by_key(index);
+        for composite in &mut self.composites {
+            if self.pixels[index(composite)].has_variance() {
+                composite.among(variances.pooled(composite.at));
             }
         }
-        Self { region, pixels, composites }
     }
 
     /// Where its `k`-th pixel is in the picture.
@@ -411,8 +414,7 @@ impl Block {
         let mut values = Vec::with_capacity(self.pixels.len());
         let mut drawn = Vec::new();
         let mut composites = self.composites.iter().peekable();
-        for (k, pixel) in (0..).zip(&self.pixels) {
-            let at = self.place(k);
+        for (pixel, at) in self.pixels.iter().zip(block_pixels(self.region)) {
             let parts = composites.next_if(|c| c.at == at);
             let (value, expected) = parts.map_or_else(|| (pixel.mean(), pixel.error()), |c| (c.mean(), c.error()));
             error.add(expected);
