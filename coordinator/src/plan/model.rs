@@ -41,7 +41,7 @@ pub struct Model {
     /// The rate of looks' audits. Chosen: one in five of the pixels that are not proven, and more of those that are
     /// expected to err most.
     pub look_rate: AuditRate,
-    /// What a look costs, in renders of as many pixels. Fitted: its audit, and what stands around each block.
+    /// What a look costs, in renders of as many pixels. Fitted: its audit.
     pub audited_look: f64,
 
     /// The first tolerance that is tried, in errors asked for. Fitted: ordinary pictures err by so much less than the
@@ -116,7 +116,7 @@ pub const MODEL: Model = Model {
     coarse_audited: 256.0,
     looks: [(100.0, 200.0), (150.0, 100.0)],
     look_rate: AuditRate((2 << 16) / 5),
-    audited_look: 2.0,
+    audited_look: 1.45,
     guess: 4.0,
     loosest: 64.0 / 255.0,
     error_power: 0.9,

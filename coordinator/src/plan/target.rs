@@ -136,8 +136,7 @@ impl Target {
         let fields = spots.fields(&outcome.tiles);
         let doubt = fields.doubt();
         if !spots.are_all() {
-            // A look's pixels are audited, and the pixels around each block are sampled for it alone.
-            let points = error.pixels as f64 * (MODEL.audited_look * cost::points(&error, self.tolerance) + 2.0);
+            let points = error.pixels as f64 * MODEL.audited_look * cost::points(&error, self.tolerance);
             let seconds = outcome.took.as_secs_f64() / points.max(1.0);
             self.expected = Some((fields.expected_points(|e| cost::points(e, self.tolerance)), seconds));
         }
@@ -278,7 +277,7 @@ impl Target {
             cost::audit(self.region.area(), seen)
         };
         let audit = AuditRate(audit.0.saturating_mul(self.closer));
-        // A look's pixels are audited, and their neighbours belong to no other tile.
+        // A look's pixels are audited.
         let audited = if self.renders == 0 { MODEL.audited_look } else { 1.0 };
         let dearer = self.tolerance.fraction() / tolerance.fraction() / audited;
         self.tolerance = tolerance;

@@ -79,12 +79,12 @@ impl Picture {
 
     /// The same in tiles of so many pixels' edge, audited at a rate: rays from the camera for each pixel, and the
     /// estimate. Of every `one_in` tiles across and down one is rendered.
-    pub(crate) fn in_tiles(&self, steps: f64, rate: AuditRate, edge: u32, one_in: u32) -> (f64, ErrorEstimate) {
+    pub(crate) fn in_tiles(&self, detail: Detail, audit: AuditRate, edge: u32, one_in: u32) -> (f64, ErrorEstimate) {
         let mut tiles = whole(&self.settings).blocks(edge);
         tiles.retain(|r| (r.x0 / edge).is_multiple_of(one_in) && (r.y0 / edge).is_multiple_of(one_in));
         let (mut camera, mut error) = (0, ErrorEstimate::default());
         for tile in &tiles {
-            let (tile, rays) = self.tracer.render_pass(*tile, pass(steps, rate));
+            let (tile, rays) = self.tracer.render_pass(*tile, Pass { detail, audit });
             camera += rays.camera;
             error += tile.error;
         }

@@ -1,7 +1,7 @@
 //! The plan's model of errors and costs.
 
 use coordinator::plan_model::MODEL;
-use tessera_core::settings::AuditRate;
+use tessera_core::settings::{AuditRate, Detail, Tolerance};
 
 use crate::Result;
 use crate::pictures::{Picture, Shot};
@@ -74,12 +74,13 @@ fn costs(pictures: &[Picture], shots: &[Vec<Shot>]) -> Vec<Row> {
     let scenes = pictures.len();
     let first: Vec<f64> = pictures.iter().map(|p| p.within(255.0 * MODEL.loosest).points).collect();
     let steps = 255.0 * MODEL.timed_tolerance;
+    let within = Detail::Within(Tolerance::new(MODEL.timed_tolerance));
     let rate = AuditRate((MODEL.most_rate * 65536.0) as u32);
     let audited: Vec<(f64, f64, f64)> = pictures
         .iter()
         .map(|p| {
-            let (without, _) = p.in_tiles(steps, AuditRate::default(), TILE, 1);
-            let (with, error) = p.in_tiles(steps, rate, TILE, 1);
+            let (without, _) = p.in_tiles(within, AuditRate::default(), TILE, 1);
+            let (with, error) = p.in_tiles(within, rate, TILE, 1);
             let drawn = error.audited as f64 / (error.pixels as f64 * rate.factor());
             ((with / without - 1.0) / rate.factor(), drawn, with)
         })
@@ -93,7 +94,7 @@ fn costs(pictures: &[Picture], shots: &[Vec<Shot>]) -> Vec<Row> {
         .zip(shots)
         .map(|(p, shots)| {
             let whole = at.map_or_else(|| p.within(look).points, |at| shots[at].points);
-            p.in_tiles(look, MODEL.look_rate, SPOT, 3).0 / whole
+            p.in_tiles(Detail::Glance(Tolerance::new(look / 255.0)), MODEL.look_rate, SPOT, 3).0 / whole
         })
         .collect();
     let at_timed = format!("within {steps} steps, {scenes} scenes in tiles of {TILE} pixels");
