@@ -128,8 +128,7 @@ fn scenes() -> Vec<Document> {
 fn any_division_of_a_picture_gives_the_same_pixels_and_errors() {
     let (w, h) = (70, 53);
     let glance = Detail::Glance(Tolerance::new(3.0 / 255.0));
-    let passes =
-        [within(2.0), Pass { audit: AuditRate(9000), ..within(0.5) }, Pass { detail: glance, ..within(3.0) }];
+    let passes = [within(2.0), Pass { audit: AuditRate(9000), ..within(0.5) }, Pass { detail: glance, ..within(3.0) }];
     let coarse = [3, 8].map(|step| Pass { detail: Detail::Coarse { step }, audit: AuditRate(60_000) });
     for document in scenes() {
         let tracer = tracer(&document, (w, h));

@@ -7,7 +7,9 @@ use super::*;
 fn outcome(step: &Step, whole: Region, square: impl Fn(u32, u32) -> f64) -> Outcome {
     let regions = if step.regions.is_empty() { vec![whole] } else { step.regions.clone() };
     let (rate, typical) = match step.pass {
-        Some(Pass { detail: Detail::Within(t) | Detail::Glance(t), audit }) => (audit.factor(), t.fraction() * t.fraction()),
+        Some(Pass { detail: Detail::Within(t) | Detail::Glance(t), audit }) => {
+            (audit.factor(), t.fraction() * t.fraction())
+        }
         _ => (1.0, 1.0),
     };
     let tile = |r: Region| {
