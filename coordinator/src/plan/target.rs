@@ -292,17 +292,15 @@ impl Target {
         self.tolerance = tolerance;
         self.looks += 1;
         let spots = self.spots();
-        if spots.are_all() && self.is_whole() {
-            self.audit = AuditRate::ALL;
-            return Step { pass: within(tolerance, AuditRate::ALL), regions: Vec::new(), kept: true, dearer };
-        }
-        let pass = if spots.are_all() {
-            within(tolerance, AuditRate::ALL)
+        let (detail, audit) = if spots.are_all() {
+            (Detail::Within(tolerance), AuditRate::ALL)
         } else {
-            Some(Pass { detail: Detail::Glance(tolerance), audit: MODEL.look_rate })
+            (Detail::Glance(tolerance), MODEL.look_rate)
         };
-        self.audit = pass.map_or(AuditRate::ALL, |p| p.audit);
-        Step { pass, regions: spots.regions().collect(), kept: false, dearer }
+        self.audit = audit;
+        let kept = spots.are_all() && self.is_whole();
+        let regions = if kept { Vec::new() } else { spots.regions().collect() };
+        Step { pass: Some(Pass { detail, audit }), regions, kept, dearer }
     }
 }
 
