@@ -133,12 +133,13 @@ fn any_division_of_a_picture_gives_the_same_pixels_and_errors() {
     for document in scenes() {
         let tracer = tracer(&document, (w, h));
         for pass in passes.into_iter().chain(coarse) {
-            let (all, _) = tracer.render_pass(whole(tracer.settings()), pass);
+            let (all, rays) = tracer.render_pass(whole(tracer.settings()), pass);
             for edge in [7, 16, 33] {
-                let mut error = ErrorEstimate::default();
+                let (mut error, mut traced) = (ErrorEstimate::default(), RayCounts::default());
                 for region in whole(tracer.settings()).blocks(edge) {
-                    let (tile, _) = tracer.render_pass(region, pass);
+                    let (tile, rays) = tracer.render_pass(region, pass);
                     error += tile.error;
+                    traced += rays;
                     for (k, pixel) in tile.pixels.iter().enumerate() {
                         let (x, y) = (region.x0 + k as u32 % region.width(), region.y0 + k as u32 / region.width());
                         let at = (y * w + x) as usize;
@@ -146,9 +147,30 @@ fn any_division_of_a_picture_gives_the_same_pixels_and_errors() {
                     }
                 }
                 assert_eq!(error, all.error, "{pass:?} by {edge}");
+                if pass.detail == glance && edge % 8 == 0 {
+                    assert_eq!(traced.camera, rays.camera, "nothing around a square is sampled for it");
+                }
             }
         }
     }
+}
+
+/// Pieces of a region are worked on one after the other: what lies around each is another one's.
+#[test]
+fn a_region_of_several_pieces_is_that_of_its_tiles() {
+    let (w, h) = (290, 261);
+    let tracer = tracer(&fine::everything(3), (w, h));
+    let (all, _) = tracer.render_pass(whole(tracer.settings()), within(4.0));
+    let mut error = ErrorEstimate::default();
+    for region in whole(tracer.settings()).blocks(100) {
+        let (tile, _) = tracer.render_pass(region, within(4.0));
+        error += tile.error;
+        for (row, y) in tile.pixels.chunks_exact(region.width() as usize).zip(region.y0..) {
+            let at = (y * w + region.x0) as usize;
+            assert_eq!(row, &all.pixels[at..at + row.len()], "row {y} from {}", region.x0);
+        }
+    }
+    assert_eq!(error, all.error);
 }
 
 #[test]
