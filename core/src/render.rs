@@ -72,10 +72,8 @@ impl Tracer {
         assert!(region.x1 <= view.width() && region.y1 <= view.height(), "region outside the picture");
         match (self.settings().sampling, pass.detail) {
             (Sampling::Adaptive, Detail::Coarse { step }) => coarse::render(self, region, step, pass.audit),
-            (Sampling::Adaptive, Detail::Within(tolerance) | Detail::Glance(tolerance)) => {
-                let alone = matches!(pass.detail, Detail::Glance(_));
-                adaptive::render(self, region, tolerance, pass.audit, alone)
-            }
+            (Sampling::Adaptive, Detail::Within(t)) => adaptive::render(self, region, t, pass.audit, false),
+            (Sampling::Adaptive, Detail::Glance(t)) => adaptive::render(self, region, t, pass.audit, true),
             _ => self.render(region),
         }
     }

@@ -11,7 +11,7 @@ pub const BUILD: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("TESSERA_SO
 
 /// How numbers become pixels: to be raised with any change of a pixel's bits, which the golden hashes
 /// (`tests/golden`) tell.
-pub const NUMERIC_MODE: &str = "f64-nearest-denormals-7";
+pub const NUMERIC_MODE: &str = "f64-nearest-denormals-8";
 
 /// Where workers are awaited unless a port is given.
 pub const DEFAULT_PORT: u16 = 4747;

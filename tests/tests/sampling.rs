@@ -102,6 +102,39 @@ fn discs_and_polygons_cover_what_geometry_says() {
     assert!((got - area).abs() < 0.02 * (1.0 + area.sqrt()), "{got} pixels, not {area}");
 }
 
+/// An edge just inside a column of pixels is missed by the first points of most of them, and shows in none beside it: that
+/// these differ tells of it.
+#[test]
+fn an_edge_along_a_column_of_pixels_is_looked_for_where_neighbours_differ() {
+    let (width, height) = (64, 48);
+    // A shadow's, of which nothing but samples tells.
+    const DARK: f64 = 0.06;
+    let edge = 4.0 * DARK / f64::from(height);
+    let lamp = DVec3::new(-10.0, 0.0, 0.0);
+    // A tenth of the way to the wall, far out of sight.
+    let screen = lamp.lerp(DVec3::new(edge, 0.0, 4.0), 0.1);
+    let document = Document::new(DVec3::ZERO, DVec3::Z)
+        .triangle(
+            [(-90.0, -90.0), (90.0, -90.0), (0.0, 180.0)].map(|(x, y)| DVec3::new(x, y, 4.0)),
+            Look::matte(1.0, 1.0, 1.0),
+        )
+        .triangle(
+            [(0.0, -50.0), (0.0, 50.0), (-30.0, 0.0)].map(|(x, y)| screen + DVec3::new(x, y, 0.0)),
+            Look::matte(1.0, 1.0, 1.0),
+        )
+        .light(lamp.x, lamp.y, lamp.z);
+    let tracer = tracer(&document, (width, height));
+    let (tile, _) = tracer.render_pass(whole(tracer.settings()), within(2.0));
+    let column = |x: u32| tile.pixels.chunks_exact(width as usize).map(move |row| f64::from(row[x as usize][0]));
+    assert_eq!(column(31).fold(0.0, f64::max), 0.0, "all of it is in the shadow");
+    let squares = column(32).zip(column(33)).map(|(here, lit)| (255.0 * (here - (1.0 - DARK) * lit)).powi(2));
+    let error = (squares.sum::<f64>() / f64::from(height)).sqrt();
+    // Missed everywhere, it would be 5.5.
+    assert!(error < 1.5, "{error} steps along the column");
+    let told = 255.0 * tile.error.expected_rmse() * f64::from(width).sqrt();
+    assert!((0.4..2.5).contains(&(told / error)), "{told} steps expected along it, not {error}");
+}
+
 /// What decides how many points a pixel is worth is what pixels on edges show. That κ is in proportion to the variance
 /// holds on average alone: of pixels that a line clips at a corner it is more of their small variance.
 #[test]

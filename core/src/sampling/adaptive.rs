@@ -23,11 +23,16 @@ use crate::beam::lens::EDGE;
 use crate::film::{ErrorEstimate, PlanePoint, Region, Tile};
 use crate::integrate::{RayCounts, Sample, Tracer, WaveScratch, packets};
 use crate::settings::{AuditRate, Tolerance};
+use crate::simd::LANES;
 
 /// Pixels along the edge of the pieces of a region that are worked on at a time.
 const PIECE: u32 = 256;
 /// Pixels along the edge of the blocks that threads take.
 const BLOCK: u32 = 32;
+
+/// The square by which means of two pixels are apart is explained by so many times their variances. Chosen: one of four
+/// points that is on the other side of an edge explains it.
+const INSIDE: f64 = 4.0;
 
 /// The samples that pixels are made of; other sets have nothing in common with it.
 pub(super) const PICTURE: u64 = 0;
@@ -107,36 +112,38 @@ pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
     (region.y0..region.y1).flat_map(move |y| (region.x0..region.x1).map(move |x| (x, y)))
 }
 
-/// The variances of the first samples of a piece's pixels and of those around it; NaN of what is proven, good enough,
-/// or of no use: of it nothing is learnt about others.
+/// What the first samples of a piece's pixels tell of others, and those of the pixels around it.
 struct Variances {
     piece: Region,
-    /// Row by row, with one more pixel on each side.
+    /// Row by row, with one more pixel on each side; NaN of what is proven, good enough, or of no use: of its variance
+    /// nothing is learnt about others.
     values: Vec<f64>,
+    /// Means in the same order; NaN of what was not sampled.
+    means: Vec<DVec3>,
 }
 
 impl Variances {
     fn new(piece: Region) -> Self {
-        let values = vec![f64::NAN; (piece.width() as usize + 2) * (piece.height() as usize + 2)];
-        Self { piece, values }
+        let size = (piece.width() as usize + 2) * (piece.height() as usize + 2);
+        Self { piece, values: vec![f64::NAN; size], means: vec![DVec3::NAN; size] }
     }
 
     fn stride(&self) -> usize {
         self.piece.width() as usize + 2
     }
 
-    /// Where the pixel is in them that is to the upper left of (x, y).
-    fn upper_left(&self, (x, y): (u32, u32)) -> usize {
-        (y - self.piece.y0) as usize * self.stride() + (x - self.piece.x0) as usize
+    /// Where pixel (x, y) is in them, one outside the piece at most.
+    fn index(&self, (x, y): (u32, u32)) -> usize {
+        (y + 1 - self.piece.y0) as usize * self.stride() + (x + 1 - self.piece.x0) as usize
     }
 
     fn note(&mut self, block: &Block) {
-        let (region, stride) = (block.region, self.stride());
-        let width = region.width() as usize;
+        let (region, width) = (block.region, block.region.width() as usize);
         for (y, row) in (region.y0..).zip(block.pixels.chunks_exact(width)) {
-            // What is noted lies one pixel outside at most.
-            let at = (y + 1 - self.piece.y0) as usize * stride + (region.x0 + 1 - self.piece.x0) as usize;
-            for (value, pixel) in self.values[at..at + width].iter_mut().zip(row) {
+            let at = self.index((region.x0, y));
+            let to = self.values[at..at + width].iter_mut().zip(&mut self.means[at..at + width]);
+            for ((value, mean), pixel) in to.zip(row) {
+                *mean = pixel.mean();
                 if pixel.has_variance() {
                     *value = pixel.variance();
                 }
@@ -153,14 +160,13 @@ impl Variances {
             x1: (region.x1 + 1).min(x1),
             y1: (region.y1 + 1).min(y1),
         };
-        let here = self.stride() + 1;
-        block_pixels(near).any(|at| !self.values[self.upper_left(at) + here].is_nan())
+        block_pixels(near).any(|at| !self.values[self.index(at)].is_nan())
     }
 
     /// The variance of the samples in and around a pixel of the piece. A line that is seen in one pixel is known to
     /// pass the others.
     fn pooled(&self, at: (u32, u32)) -> f64 {
-        let first = self.upper_left(at);
+        let first = self.index(at) - self.stride() - 1;
         let (mut sum, mut weights) = (0.0, 0.0);
         for (j, of) in [[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]].into_iter().enumerate() {
             for (variance, weight) in self.values[first + j * self.stride()..][..3].iter().zip(of) {
@@ -170,6 +176,20 @@ impl Variances {
             }
         }
         sum / weights
+    }
+
+    /// The square of the contrast with which an edge seems to lie between a pixel of the piece and one beside it: of
+    /// how far their means are apart, where the samples of neither tell why. The components' mean.
+    fn step(&self, at: (u32, u32)) -> f64 {
+        let here = self.index(at);
+        let beside = [here - self.stride(), here - 1, here + 1, here + self.stride()];
+        let steps = beside.map(|there| {
+            let variances = [here, there].map(|k| self.values[k]).into_iter().filter(|v| !v.is_nan());
+            let apart = (self.means[here] - self.means[there]).length_squared() / 3.0;
+            apart - INSIDE * variances.sum::<f64>()
+        });
+        // Of what was not sampled nothing is known, and `max` leaves it out.
+        steps.into_iter().fold(0.0, f64::max)
     }
 }
 
@@ -326,6 +346,7 @@ impl Block {
         for (pixel, at) in self.pixels.iter_mut().zip(block_pixels(region)) {
             if pixel.has_variance() {
                 pixel.expect(variances.pooled(at));
+                pixel.expect_beside(variances.step(at));
             } else if !pixel.is_known() {
                 pixel.expect_hidden();
             }
@@ -372,7 +393,7 @@ impl Block {
                     if doublings > 0 {
                         wanted.push((k, doublings));
                         let sequence = Sequence::new(view, self.place(k), PICTURE);
-                        points.extend((pixel.next..pixel.next << doublings).map(|k| sequence.point(k)));
+                        points.extend(Runs::new(pixel.next, doublings).numbers().map(|k| sequence.point(k)));
                     }
                 }
                 let mut parts = Vec::new();
@@ -396,8 +417,11 @@ impl Block {
                 };
                 for (k, doublings) in wanted {
                     let pixel = &mut self.pixels[k as usize];
+                    let runs = Runs::new(pixel.next, doublings);
+                    let these = next(runs.count as usize);
                     for _ in 0..doublings {
-                        pixel.add(pixel.next, next(pixel.next as usize).iter().map(|s| s.radiance));
+                        let half = pixel.next..2 * pixel.next;
+                        pixel.add(pixel.next, half.map(|number| these[runs.place(number)].radiance));
                     }
                     pixels.push(k);
                 }
@@ -424,6 +448,42 @@ impl Block {
             values.push(value.to_array().map(|c| c as f32));
         }
         (values, drawn)
+    }
+}
+
+/// A pixel's next points in the order in which they are traced.
+///
+/// Points whose numbers leave the same rest by 4ᵏ lie in one of its 2ᵏ × 2ᵏ squares: a packet of them is as narrow as
+/// one of a finer grid.
+#[derive(Clone, Copy, Debug)]
+struct Runs {
+    /// The first number.
+    from: u32,
+    count: u32,
+    /// Squares: points of each fill packets.
+    squares: u32,
+}
+
+impl Runs {
+    /// Of a pixel that has `from` points, to be doubled so often.
+    fn new(from: u32, doublings: u32) -> Self {
+        let count = (from << doublings) - from;
+        let mut squares = 1;
+        while from.is_multiple_of(4 * squares) && count.is_multiple_of(4 * squares * LANES as u32) {
+            squares *= 4;
+        }
+        Self { from, count, squares }
+    }
+
+    fn numbers(self) -> impl Iterator<Item = u32> {
+        (0..self.squares)
+            .flat_map(move |square| (self.from + square..self.from + self.count).step_by(self.squares as usize))
+    }
+
+    /// Which of them a point is.
+    fn place(self, number: u32) -> usize {
+        let number = number - self.from;
+        (number % self.squares * (self.count / self.squares) + number / self.squares) as usize
     }
 }
 

@@ -25,11 +25,16 @@ pub struct Model {
     /// What may hide where all points are alike: this much over the square of their number, times the square of how
     /// much may hide. Chosen: at half a step in 255 the first four points are enough, and at a twentieth a hundred.
     pub hidden: f64,
+    /// What may hide of an edge that seems to lie between two pixels, as above, times the square of its contrast; and
+    /// what of it is to be expected. Chosen: it lies in either, between the pixel's edge and the first point, which
+    /// would be a sixth; twice that takes the fewest points to an error, and an eighth of it is seen in the mean.
+    pub beside: (f64, f64),
     /// Mean square that a point must take off at a tolerance of four steps in 255, which leads to a picture's error
     /// of half a step or so. Follows from [`Self::typical`].
     pub loose_point: f64,
-    /// The same of ten steps, rounded: the tolerance is loose above it; and of one step, below which it is tight.
+    /// The same of ten steps, rounded: the tolerance is loose above it.
     pub loose: f64,
+    /// The same of one step, rounded: the tolerance is tight below it.
     pub tight: f64,
     /// Points that a pixel begins with in which anything may be seen, where the tolerance is loose and where it is
     /// not. Chosen: the least that have a variance, and enough to miss little.
@@ -47,6 +52,7 @@ const MODEL: Model = Model {
     typical: 0.1,
     least_growth: 1.4,
     hidden: 2.5e-4,
+    beside: (0.33, 0.04),
     loose_point: 2.9e-6,
     loose: 6e-5,
     tight: 3e-8,
@@ -143,6 +149,8 @@ pub(crate) struct Pixel {
     weight: f64,
     /// How much may hide in it, as a part of full scale.
     doubt: f64,
+    /// The square of the contrast with which an edge seems to lie between it and a pixel beside it.
+    step: f64,
 }
 
 impl Pixel {
@@ -209,6 +217,11 @@ impl Pixel {
         self.weight = 3.0;
     }
 
+    /// Notes the square of the contrast with which an edge seems to lie between it and a pixel beside it.
+    pub(crate) fn expect_beside(&mut self, step: f64) {
+        self.step = step;
+    }
+
     /// What is thought of it by what may hide in it: of too few samples to have a variance.
     pub(crate) fn expect_hidden(&mut self) {
         self.kappa = edge(self.doubt);
@@ -218,14 +231,15 @@ impl Pixel {
     /// Its mean's expected squared error.
     pub(crate) fn error(&self) -> f64 {
         let n = f64::from(self.points.max(1));
-        self.kappa / (n * n.sqrt())
+        self.kappa / (n * n.sqrt()) + MODEL.beside.1 * self.step / (n * n)
     }
 
     /// How often its points are to be doubled next, 0 where it is done; as the mean of so large a part of a pixel.
     pub(crate) fn doublings(&self, rule: &Rule, area: f64) -> u32 {
         // Growth by g is worth it where κ is that of g times as many points, whose power is taken without a root.
         let (kappa, points) = (DOUBLING * self.kappa * area * area, f64::from(self.points.max(1)));
-        let hidden = 0.75 * MODEL.hidden * self.doubt * self.doubt * area * area;
+        let hidden = (MODEL.hidden * self.doubt * self.doubt).max(MODEL.beside.0 * self.step);
+        let hidden = 0.75 * hidden * area * area;
         let worth = |growth: f64| {
             let n = growth * points;
             kappa > rule.a_point * n * n * n.sqrt() || hidden > rule.a_point * n * n * n
