@@ -23,7 +23,8 @@ pub struct Model {
     /// What takes off less than this share of a pixel's points is left alone. Chosen: points are doubled at least.
     pub least_growth: f64,
     /// What may hide where all points are alike: this much over the square of their number, times the square of how
-    /// much may hide. Chosen: at half a step in 255 the first four points are enough, and at a twentieth a hundred.
+    /// much may hide. Chosen: for an error of a quarter of a step in 255 the first four points are enough, and for a
+    /// twentieth some fifty.
     pub hidden: f64,
     /// What may hide of an edge that seems to lie between two pixels, as above, times the square of its contrast; and
     /// what of it is to be expected. Chosen: it lies in either, between the pixel's edge and the first point, which
@@ -51,7 +52,7 @@ const MODEL: Model = Model {
     edge: 0.57,
     typical: 0.1,
     least_growth: 1.4,
-    hidden: 2.5e-4,
+    hidden: 1e-4,
     beside: (0.33, 0.04),
     loose_point: 2.9e-6,
     loose: 6e-5,

@@ -61,7 +61,10 @@ pub(crate) fn fit() -> Table {
     let follows = |name: &'static str, now: f64, steps: f64| {
         Row::of(name, "", now, &[a_point(steps)], format!("`typical`, at {steps} steps"))
     };
-    let rows =
-        vec![edge, fall, typical, follows("loose_point", model.loose_point, 4.0), follows("loose", model.loose, 10.0)];
-    Table::new("sampler", &model, rows)
+    let followers = [
+        follows("loose_point", model.loose_point, 4.0),
+        follows("loose", model.loose, 10.0),
+        follows("tight", model.tight, 1.0),
+    ];
+    Table::new("sampler", &model, [edge, fall, typical].into_iter().chain(followers).collect())
 }
