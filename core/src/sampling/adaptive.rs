@@ -53,13 +53,13 @@ pub(crate) fn render(
     let audit = Audit { tracer, tolerance, rate };
     let (pieces, squares) = if alone { (aligned(region, EDGE), EDGE) } else { (region.blocks(PIECE), u32::MAX) };
     for piece in pieces {
-        let (blocks, variances) = begin_all(tracer, piece, squares, tolerance, &rule, &mut counts);
+        let (blocks, around) = begin_all(tracer, piece, squares, tolerance, &rule, &mut counts);
         let done: Vec<_> = blocks
             .into_par_iter()
             .map(|mut block| {
                 WaveScratch::with(|scratch| {
                     let (mut error, mut counts) = (ErrorEstimate::default(), RayCounts::default());
-                    block.expect(&variances);
+                    block.expect(&around);
                     block.refine(tracer, &rule, scratch, &mut counts);
                     let (values, drawn) = block.finish(&audit, &mut error);
                     audit.check(&drawn, scratch, &mut counts, &mut error);
@@ -113,19 +113,19 @@ pub(super) fn block_pixels(region: Region) -> impl Iterator<Item = (u32, u32)> {
 }
 
 /// What the first samples of a piece's pixels tell of others, and those of the pixels around it.
-struct Variances {
+struct Surroundings {
     piece: Region,
     /// Row by row, with one more pixel on each side; NaN of what is proven, good enough, or of no use: of its variance
     /// nothing is learnt about others.
-    values: Vec<f64>,
+    variances: Vec<f64>,
     /// Means in the same order; NaN of what was not sampled.
     means: Vec<DVec3>,
 }
 
-impl Variances {
+impl Surroundings {
     fn new(piece: Region) -> Self {
         let size = (piece.width() as usize + 2) * (piece.height() as usize + 2);
-        Self { piece, values: vec![f64::NAN; size], means: vec![DVec3::NAN; size] }
+        Self { piece, variances: vec![f64::NAN; size], means: vec![DVec3::NAN; size] }
     }
 
     fn stride(&self) -> usize {
@@ -141,7 +141,7 @@ impl Variances {
         let (region, width) = (block.region, block.region.width() as usize);
         for (y, row) in (region.y0..).zip(block.pixels.chunks_exact(width)) {
             let at = self.index((region.x0, y));
-            let to = self.values[at..at + width].iter_mut().zip(&mut self.means[at..at + width]);
+            let to = self.variances[at..at + width].iter_mut().zip(&mut self.means[at..at + width]);
             for ((value, mean), pixel) in to.zip(row) {
                 *mean = pixel.mean();
                 if pixel.has_variance() {
@@ -160,7 +160,7 @@ impl Variances {
             x1: (region.x1 + 1).min(x1),
             y1: (region.y1 + 1).min(y1),
         };
-        block_pixels(near).any(|at| !self.values[self.index(at)].is_nan())
+        block_pixels(near).any(|at| !self.variances[self.index(at)].is_nan())
     }
 
     /// The variance of the samples in and around a pixel of the piece. A line that is seen in one pixel is known to
@@ -169,7 +169,7 @@ impl Variances {
         let first = self.index(at) - self.stride() - 1;
         let (mut sum, mut weights) = (0.0, 0.0);
         for (j, of) in [[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]].into_iter().enumerate() {
-            for (variance, weight) in self.values[first + j * self.stride()..][..3].iter().zip(of) {
+            for (variance, weight) in self.variances[first + j * self.stride()..][..3].iter().zip(of) {
                 let is_known = !variance.is_nan();
                 sum += if is_known { weight * variance } else { 0.0 };
                 weights += if is_known { weight } else { 0.0 };
@@ -184,7 +184,7 @@ impl Variances {
         let here = self.index(at);
         let beside = [here - self.stride(), here - 1, here + 1, here + self.stride()];
         let steps = beside.map(|there| {
-            let variances = [here, there].map(|k| self.values[k]).into_iter().filter(|v| !v.is_nan());
+            let variances = [here, there].map(|k| self.variances[k]).into_iter().filter(|v| !v.is_nan());
             let apart = (self.means[here] - self.means[there]).length_squared() / 3.0;
             apart - INSIDE * variances.sum::<f64>()
         });
@@ -264,19 +264,19 @@ fn begin_all(
     tolerance: Tolerance,
     rule: &Rule,
     counts: &mut RayCounts,
-) -> (Vec<Block>, Variances) {
-    let mut variances = Variances::new(piece);
-    let mut begin = |regions: Vec<Region>, variances: &mut Variances| {
+) -> (Vec<Block>, Surroundings) {
+    let mut around = Surroundings::new(piece);
+    let mut begin = |regions: Vec<Region>, around: &mut Surroundings| {
         let begun: Vec<_> = regions.into_par_iter().map(|r| Block::begin(tracer, r, tolerance, rule)).collect();
         let mut blocks = Vec::with_capacity(begun.len());
         for (block, c) in begun {
             *counts += c;
-            variances.note(&block);
+            around.note(&block);
             blocks.push(block);
         }
         blocks
     };
-    let blocks = begin(aligned(piece, BLOCK), &mut variances);
+    let blocks = begin(aligned(piece, BLOCK), &mut around);
     let Region { x0, y0, x1, y1 } = with_apron(piece, squares, &tracer.settings().view);
     let sides = [
         Region { x0, y0, x1, y1: piece.y0 },
@@ -284,10 +284,10 @@ fn begin_all(
         Region { x0, y0: piece.y0, x1: piece.x0, y1: piece.y1 },
         Region { x0: piece.x1, y0: piece.y0, x1, y1: piece.y1 },
     ];
-    let around = sides.into_iter().filter(|side| side.x0 < side.x1 && side.y0 < side.y1);
-    let around = around.flat_map(|side| aligned(side, EDGE)).filter(|r| variances.are_wanted(r)).collect();
-    begin(around, &mut variances);
-    (blocks, variances)
+    let sides = sides.into_iter().filter(|side| side.x0 < side.x1 && side.y0 < side.y1);
+    let wanted = sides.flat_map(|side| aligned(side, EDGE)).filter(|r| around.are_wanted(r)).collect();
+    begin(wanted, &mut around);
+    (blocks, around)
 }
 
 /// The pixels of a block while they are sampled further.
@@ -341,12 +341,11 @@ impl Block {
     }
 
     /// Notes what is expected of each pixel after the first points, those around it taken into account.
-    fn expect(&mut self, variances: &Variances) {
+    fn expect(&mut self, around: &Surroundings) {
         let region = self.region;
         for (pixel, at) in self.pixels.iter_mut().zip(block_pixels(region)) {
             if pixel.has_variance() {
-                pixel.expect(variances.pooled(at));
-                pixel.expect_beside(variances.step(at));
+                pixel.expect(around.pooled(at), around.step(at));
             } else if !pixel.is_known() {
                 pixel.expect_hidden();
             }
@@ -355,7 +354,7 @@ impl Block {
         self.composites.sort_unstable_by_key(index);
         for composite in &mut self.composites {
             if self.pixels[index(composite)].has_variance() {
-                composite.among(variances.pooled(composite.at));
+                composite.among(around.pooled(composite.at));
             }
         }
     }
@@ -386,14 +385,14 @@ impl Block {
         Buffers::with(|Buffers { points, samples }| {
             loop {
                 points.clear();
-                let mut wanted = Vec::new();
+                let (mut wanted, mut places) = (Vec::new(), Vec::new());
                 for k in pixels.drain(..) {
                     let pixel = &self.pixels[k as usize];
                     let doublings = pixel.doublings(rule, 1.0);
                     if doublings > 0 {
                         wanted.push((k, doublings));
                         let sequence = Sequence::new(view, self.place(k), PICTURE);
-                        points.extend(Runs::new(pixel.next, doublings).numbers().map(|k| sequence.point(k)));
+                        Runs::new(pixel.next, doublings).ask(&sequence, points, &mut places);
                     }
                 }
                 let mut parts = Vec::new();
@@ -415,13 +414,13 @@ impl Block {
                     rest = behind;
                     these
                 };
+                let mut places = places.iter();
                 for (k, doublings) in wanted {
                     let pixel = &mut self.pixels[k as usize];
-                    let runs = Runs::new(pixel.next, doublings);
-                    let these = next(runs.count as usize);
+                    let these = next(Runs::new(pixel.next, doublings).count as usize);
                     for _ in 0..doublings {
-                        let half = pixel.next..2 * pixel.next;
-                        pixel.add(pixel.next, half.map(|number| these[runs.place(number)].radiance));
+                        let half = places.by_ref().take(pixel.next as usize);
+                        pixel.add(pixel.next, half.map(|place| these[*place as usize].radiance));
                     }
                     pixels.push(k);
                 }
@@ -451,43 +450,83 @@ impl Block {
     }
 }
 
-/// A pixel's next points in the order in which they are traced.
-///
-/// Points whose numbers leave the same rest by 4ᵏ lie in one of its 2ᵏ × 2ᵏ squares: a packet of them is as narrow as
-/// one of a finer grid.
+/// A pixel's next points in the order in which they are traced: by the squares of the pixel that they lie in, where
+/// those of a square fill packets, which then are as narrow as a finer grid's.
 #[derive(Clone, Copy, Debug)]
 struct Runs {
     /// The first number.
     from: u32,
     count: u32,
-    /// Squares: points of each fill packets.
-    squares: u32,
+    /// Squares along the pixel's edge are two to the power of this.
+    level: u32,
 }
 
 impl Runs {
     /// Of a pixel that has `from` points, to be doubled so often.
     fn new(from: u32, doublings: u32) -> Self {
         let count = (from << doublings) - from;
-        let mut squares = 1;
-        while from.is_multiple_of(4 * squares) && count.is_multiple_of(4 * squares * LANES as u32) {
-            squares *= 4;
+        let mut level = 0;
+        while from.is_multiple_of(4 << (2 * level)) && count.is_multiple_of((4 * LANES as u32) << (2 * level)) {
+            level += 1;
         }
-        Self { from, count, squares }
+        Self { from, count, level }
     }
 
-    fn numbers(self) -> impl Iterator<Item = u32> {
-        (0..self.squares)
-            .flat_map(move |square| (self.from + square..self.from + self.count).step_by(self.squares as usize))
-    }
-
-    /// Which of them a point is.
-    fn place(self, number: u32) -> usize {
-        let number = number - self.from;
-        (number % self.squares * (self.count / self.squares) + number / self.squares) as usize
+    /// Adds the points to `points`; and to `places`, by their numbers, which of them they are.
+    fn ask(self, sequence: &Sequence, points: &mut Vec<PlanePoint>, places: &mut Vec<u32>) {
+        let Self { from, count, level } = self;
+        if level == 0 {
+            points.extend((from..from + count).map(|number| sequence.point(number)));
+            places.extend(0..count);
+            return;
+        }
+        let start = points.len();
+        points.resize(start + count as usize, PlanePoint { x: 0, y: 0 });
+        // Of as many points in a row as there are squares, one lies in each.
+        let of_square = count >> (2 * level);
+        for k in 0..count {
+            let point = sequence.point(from + k);
+            let place = sequence.square(point, level) * of_square + (k >> (2 * level));
+            points[start + place as usize] = point;
+            places.push(place);
+        }
     }
 }
 
 /// The mean of samples.
 pub(super) fn mean(samples: &[Sample]) -> DVec3 {
     samples.iter().map(|s| s.radiance).sum::<DVec3>() * (1.0 / samples.len().max(1) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::UNIT;
+    use crate::settings::View;
+
+    #[test]
+    fn a_pixels_next_points_are_all_asked_and_their_packets_are_narrow() {
+        let view = View::new(8, 8, 1.0, 1.0).expect("a view");
+        let (sequence, corner) = (Sequence::new(&view, (3, 5), PICTURE), centre(&view, 3, 5));
+        let levels = [(2, 1, 0), (4, 2, 0), (16, 2, 0), (32, 1, 0), (64, 1, 1), (64, 2, 1), (256, 1, 2), (1024, 2, 3)];
+        for (from, doublings, level) in levels {
+            let runs = Runs::new(from, doublings);
+            assert_eq!(runs.level, level, "{runs:?}");
+            let (mut points, mut places) = (vec![corner], Vec::new());
+            runs.ask(&sequence, &mut points, &mut places);
+            assert_eq!(points.len() - 1, places.len());
+            let numbers = from..from << doublings;
+            assert!(
+                numbers.zip(&places).all(|(n, place)| sequence.point(n) == points[1 + *place as usize]),
+                "{runs:?}"
+            );
+            for packet in points[1..].chunks(LANES).filter(|_| level > 0) {
+                let wide = |of: fn(&PlanePoint) -> i32| {
+                    let all = packet.iter().map(of);
+                    all.clone().max().zip(all.min()).map(|(most, least)| most - least)
+                };
+                assert!([wide(|p| p.x), wide(|p| p.y)].iter().all(|w| *w < Some(UNIT >> level)), "{runs:?}");
+            }
+        }
+    }
 }

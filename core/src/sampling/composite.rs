@@ -133,7 +133,7 @@ impl Composite {
             }
             if first {
                 // Few samples may be alike by chance.
-                part.mean.expect(part.mean.variance().max(ALIKE * self.around));
+                part.mean.expect(part.mean.variance().max(ALIKE * self.around), 0.0);
             }
         }
         let sequence = self.sequence(view, 0);
@@ -150,7 +150,7 @@ impl Composite {
         }
         if first {
             // Few samples may be alike by chance.
-            self.rest.expect(self.rest.variance().max(self.around));
+            self.rest.expect(self.rest.variance().max(self.around), 0.0);
         }
     }
 

@@ -212,15 +212,11 @@ impl Pixel {
         ((self.squares - self.sum.length_squared() / n) / (3.0 * (n - 1.0))).max(0.0)
     }
 
-    /// What is thought of it by its neighbours' samples and its own.
-    pub(crate) fn expect(&mut self, variance: f64) {
-        self.kappa = MODEL.edge * variance;
+    /// What is thought of it by its neighbours' samples and its own: by their variance, and by the square of the contrast
+    /// with which an edge seems to lie between it and a pixel beside it.
+    pub(crate) fn expect(&mut self, variance: f64, step: f64) {
+        (self.kappa, self.step) = (MODEL.edge * variance, step);
         self.weight = 3.0;
-    }
-
-    /// Notes the square of the contrast with which an edge seems to lie between it and a pixel beside it.
-    pub(crate) fn expect_beside(&mut self, step: f64) {
-        self.step = step;
     }
 
     /// What is thought of it by what may hide in it: of too few samples to have a variance.

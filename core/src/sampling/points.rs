@@ -99,6 +99,12 @@ impl Sequence {
         PlanePoint { x: self.corner.x + x, y: self.corner.y + y }
     }
 
+    /// Which of the pixel's 2^level × 2^level squares a point of it lies in.
+    pub(crate) fn square(&self, p: PlanePoint, level: u32) -> u32 {
+        let [x, y] = [p.x - self.corner.x, p.y - self.corner.y].map(|d| d as u32 >> (UNIT.trailing_zeros() - level));
+        y << level | x
+    }
+
     /// Where a point of the pixel is, 0 to 1 from the left and from below.
     pub(crate) fn place(&self, p: PlanePoint) -> [f64; 2] {
         [p.x - self.corner.x, p.y - self.corner.y].map(|d| f64::from(d) / f64::from(UNIT))
